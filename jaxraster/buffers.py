@@ -1,0 +1,76 @@
+"""What the stages hand on, from visibility to the finished frame.
+
+After visibility every field is per pixel with any leading shape `*b`: image, layer, sample and batch axes alike.
+"""
+
+from jaxtyping import Array, Bool, Float, Int
+
+from .record import record
+
+
+@record
+class Stats:
+    """What the rasterizer left out, and why: triangles with a non-finite vertex, and those without any area."""
+
+    non_finite: Int[Array, "*b"]
+    degenerate: Int[Array, "*b"]
+
+
+@record
+class Visibility:
+    """Which triangle each pixel sees: `face` (-1 for none), perspective-correct `barycentric`, reversed `depth`.
+
+    Depth is z/w in (0, 1], 1 at the near plane, and 0 where there is nothing.
+    """
+
+    face: Int[Array, "*b h w"]
+    barycentric: Float[Array, "*b h w 3"]
+    depth: Float[Array, "*b h w"]
+    stats: Stats
+
+
+@record
+class Surface:
+    """What shading needs at each pixel, in world space; where `mask` is false the values are finite and unused.
+
+    `normal` and `geometric_normal` are unit and face the viewer, `view` is unit towards it. `alpha` is the microfacet
+    width, roughness². `occlusion` in [0, 1] applies to ambient light alone.
+    """
+
+    mask: Bool[Array, "*b"]
+    position: Float[Array, "*b 3"]
+    normal: Float[Array, "*b 3"]
+    geometric_normal: Float[Array, "*b 3"]
+    view: Float[Array, "*b 3"]
+    uv: Float[Array, "*b 2"]
+    diffuse_color: Float[Array, "*b 3"]
+    f0: Float[Array, "*b 3"]
+    alpha: Float[Array, "*b"]
+    emissive: Float[Array, "*b 3"]
+    occlusion: Float[Array, "*b"]
+
+
+@record
+class Radiance:
+    """Light towards the viewer, kept apart by its path until `resolve`: linear, the unit of the lights over steradian."""
+
+    direct_diffuse: Float[Array, "*b 3"]
+    direct_specular: Float[Array, "*b 3"]
+    indirect_diffuse: Float[Array, "*b 3"]
+    indirect_specular: Float[Array, "*b 3"]
+    emitted: Float[Array, "*b 3"]
+
+
+@record
+class Frame:
+    """A finished picture and everything it was made of.
+
+    `image` is display-encoded in [0, 1], `hdr` linear. With `Plan.supersample` above 1 these two have the plan's size
+    and the others that many samples per pixel and axis.
+    """
+
+    image: Float[Array, "*b h w 3"]
+    hdr: Float[Array, "*b h w 3"]
+    radiance: Radiance
+    surface: Surface
+    visibility: Visibility

@@ -1,0 +1,1 @@
+"""Formulas on plain arrays that know nothing of scenes or pictures."""

@@ -1,0 +1,156 @@
+"""Poses and projections: where the camera stands, and how view space becomes clip space.
+
+View space looks down -Z with +Y up. Projections have reversed depth (clip z = w at the near plane, 0 at the far) and
+are for a square picture; see `Camera`. Angles in radians, lengths in metres.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .safe import divide, dot, normalize
+
+Length = float | Float[Array, ""]
+
+
+def multiply(a: Float[Array, "*b n k"], b: Float[Array, "*b k m"]) -> Float[Array, "*b n m"]:
+    """a @ b in full float precision: an accelerator's default (TF32) would move a vertex by pixels."""
+    return jnp.matmul(a, b, precision="highest")
+
+
+def transform_points(matrix: Float[Array, "*b 4 4"], points: Float[Array, "*b n 3"]) -> Float[Array, "*b n 4"]:
+    """Homogeneous images of points: matrix · (p, 1), written out as multiply-adds."""
+    columns = jnp.swapaxes(matrix, -1, -2)[..., None, :, :]
+    x, y, z = (points[..., i, None] for i in range(3))
+    return x * columns[..., 0, :] + y * columns[..., 1, :] + z * columns[..., 2, :] + columns[..., 3, :]
+
+
+def invert_rigid(matrix: Float[Array, "*b 4 4"]) -> Float[Array, "*b 4 4"]:
+    """The inverse of a rotation and translation: (R, t) becomes (Rᵀ, -Rᵀ t). Gradient: of this formula."""
+    rotation = jnp.swapaxes(matrix[..., :3, :3], -1, -2)
+    translation = -jnp.sum(rotation * matrix[..., None, :3, 3], axis=-1)
+    top = jnp.concatenate([rotation, translation[..., None]], axis=-1)
+    return jnp.concatenate([top, matrix[..., 3:, :]], axis=-2)
+
+
+def frame(normal: Float[Array, "*b 3"]) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+    """Two unit vectors that make a right-handed orthonormal frame with a unit normal.
+
+    Source: Duff et al. 2017, "Building an Orthonormal Basis, Revisited"; the sign keeps 1 + |z| away from 0.
+    Gradient: exact except across z = 0, where the frame jumps.
+    """
+    x, y, z = (normal[..., i] for i in range(3))
+    sign = jnp.where(z < 0, -1.0, 1.0).astype(z.dtype)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    tangent = jnp.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    bitangent = jnp.stack([b, sign + y * y * a, -y], axis=-1)
+    return tangent, bitangent
+
+
+def look_at(
+    eye: Float[Array, "3"], target: Float[Array, "3"], up: Float[Array, "3"] | tuple = (0.0, 1.0, 0.0)
+) -> Float[Array, "4 4"]:
+    """`world_from_view` of a camera at `eye` that looks at `target` with `up` upwards in its picture.
+
+    Where `up` is parallel to the line of sight, any perpendicular one is taken. Eye and target must differ.
+    """
+    eye, target, up = (jnp.asarray(v, dtype=jnp.result_type(float)) for v in (eye, target, up))
+    back = normalize(eye - target)
+    right = jnp.cross(up, back)
+    # The sine below which float32 leaves the direction of `right` fewer than 8 sure bits.
+    parallel = dot(right, right) <= 1e-10 * dot(up, up)
+    right = normalize(jnp.where(parallel, frame(back)[0], right))
+    top = jnp.stack([right, jnp.cross(back, right), back, eye], axis=-1)
+    return jnp.concatenate([top, jnp.array([[0.0, 0.0, 0.0, 1.0]], top.dtype)])
+
+
+def orbit(azimuth: Length, elevation: Length, distance: Length, target=(0.0, 0.0, 0.0)) -> Float[Array, "4 4"]:
+    """`world_from_view` of a camera on a sphere about `target`, looking at it.
+
+    Azimuth 0 stands on +Z and grows towards +X; elevation π/2 is straight above.
+    """
+    azimuth, elevation = jnp.asarray(azimuth, float), jnp.asarray(elevation, float)
+    horizontal = jnp.cos(elevation)
+    away = jnp.stack([horizontal * jnp.sin(azimuth), jnp.sin(elevation), horizontal * jnp.cos(azimuth)])
+    target = jnp.asarray(target, away.dtype)
+    return look_at(target + distance * away, target)
+
+
+def perspective(fov_y: Length, near: Length = 0.1, far: Length = jnp.inf) -> Float[Array, "4 4"]:
+    """`clip_from_view` of a pinhole with vertical field of view `fov_y`; `far` may be infinite.
+
+    z_clip = a·z + n(1 + a) with a = n/(f - n), w = -z: 1 at z = -n, 0 at z = -f.
+    """
+    fov_y, near, far = (jnp.asarray(v, dtype=jnp.result_type(float)) for v in (fov_y, near, far))
+    a = near / (far - near)
+    scale = 1.0 / jnp.tan(0.5 * fov_y)
+    zero, one = jnp.zeros_like(a), jnp.ones_like(a)
+    rows = [[scale, zero, zero, zero], [zero, scale, zero, zero], [zero, zero, a, near * (1.0 + a)]]
+    return jnp.stack([jnp.stack(row) for row in [*rows, [zero, zero, -one, zero]]])
+
+
+def orthographic(half_height: Length, near: Length, far: Length) -> Float[Array, "4 4"]:
+    """`clip_from_view` of a parallel projection that shows ±`half_height` metres vertically; `far` is finite."""
+    half_height, near, far = (jnp.asarray(v, dtype=jnp.result_type(float)) for v in (half_height, near, far))
+    scale, depth = 1.0 / half_height, 1.0 / (far - near)
+    zero, one = jnp.zeros_like(scale), jnp.ones_like(scale)
+    rows = [[scale, zero, zero, zero], [zero, scale, zero, zero], [zero, zero, depth, far * depth]]
+    return jnp.stack([jnp.stack(row) for row in [*rows, [zero, zero, zero, one]]])
+
+
+def from_opencv(
+    K: Float[Array, "3 3"],
+    R: Float[Array, "3 3"],
+    t: Float[Array, "3"],
+    *,
+    width: int,
+    height: int,
+    near: Length = 0.1,
+    far: Length = jnp.inf,
+    pixel_center: float = 0.0,
+) -> tuple[Float[Array, "4 4"], Float[Array, "4 4"]]:
+    """`(world_from_view, clip_from_view)` of a calibrated camera: u ~ K (R x + t), v down, z forward.
+
+    `width` and `height` are those K was calibrated for; skew and an off-centre principal point are kept.
+    `pixel_center` is the coordinate of the first pixel's centre: 0 in OpenCV, 0.5 in COLMAP.
+
+    Source: OpenCV, "Camera Calibration and 3D Reconstruction", the pinhole model without distortion.
+    """
+    K, R, t = (jnp.asarray(m, dtype=jnp.result_type(float)) for m in (K, R, t))
+    # Turn the pose: OpenCV's camera looks down +Z with y down, ours down -Z with y up.
+    flip = jnp.array([1.0, -1.0, -1.0], K.dtype)
+    view_from_world = jnp.concatenate([R, t[:, None]], axis=1) * flip[:, None]
+    bottom = jnp.array([[0.0, 0.0, 0.0, 1.0]], K.dtype)
+    world_from_view = invert_rigid(jnp.concatenate([view_from_world, bottom]))
+    # Rescale pixels to [-1, 1], v upwards, and undo the height/width that `render` will apply to the first row.
+    cx, cy = K[0, 2] + (0.5 - pixel_center), K[1, 2] + (0.5 - pixel_center)
+    aspect = width / height
+    zero = jnp.zeros_like(cx)
+    clip_from_view = perspective(0.5 * jnp.pi, near, far)
+    x_row = jnp.stack([2.0 * K[0, 0] / width, -2.0 * K[0, 1] / width, 1.0 - 2.0 * cx / width, zero]) * aspect
+    y_row = jnp.stack([zero, 2.0 * K[1, 1] / height, 2.0 * cy / height - 1.0, zero])
+    return world_from_view, jnp.stack([x_row, y_row, clip_from_view[2], clip_from_view[3]])
+
+
+def rotation(axis: Float[Array, "3"], angle: Length) -> Float[Array, "3 3"]:
+    """The right-handed rotation by `angle` about `axis` (Rodrigues); the identity for a zero axis.
+
+    Gradient: exact in both; 0 in the axis where it is zero.
+    """
+    x, y, z = normalize(jnp.asarray(axis, dtype=jnp.result_type(float)))
+    zero = jnp.zeros_like(x)
+    cross = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
+    angle = jnp.asarray(angle, cross.dtype)
+    half = jnp.sin(0.5 * angle)
+    return jnp.eye(3, dtype=cross.dtype) + jnp.sin(angle) * cross + 2.0 * half * half * multiply(cross, cross)
+
+
+def perspective_divide(clip: Float[Array, "*b 4"]) -> Float[Array, "*b 3"]:
+    """(x, y, z) / w, and 0 where w is 0."""
+    return divide(clip[..., :3], jnp.broadcast_to(clip[..., 3:], clip[..., :3].shape))
+
+
+def stop(tree):
+    """`stop_gradient` of every leaf."""
+    return jax.tree.map(jax.lax.stop_gradient, tree)

@@ -1,0 +1,190 @@
+"""What the user gives: a mesh, its materials and textures, lights, an environment, and a camera.
+
+Everything is a struct of arrays, so that a scene of any content is one pytree with one compiled shape per size.
+World space: right-handed, +Y up, metres. Colours and light: linear Rec.709.
+"""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .record import record
+
+
+@record
+class Mesh:
+    """All triangles of a scene, in world space.
+
+    `normals` are unit shading normals, `tangents` unit with the bitangent's sign in w (glTF: b = w · n × t), `uvs`
+    have their origin at the top left of the image. Front faces are counter-clockwise; `material` is one row of
+    `Materials` per face.
+    """
+
+    vertices: Float[Array, "*b v 3"]
+    normals: Float[Array, "*b v 3"]
+    tangents: Float[Array, "*b v 4"]
+    uvs: Float[Array, "*b v 2"]
+    faces: Int[Array, "f 3"]
+    material: Int[Array, " f"]
+
+
+@record
+class Materials:
+    """glTF metallic-roughness materials, one row each.
+
+    A `*_texture` is a row of `Textures`, or -1 for none, and multiplies its factor: `base_color` (linear RGB and
+    alpha), `metallic` by the texture's blue, `roughness` (perceptual, alpha = roughness²) by its green, `emissive`
+    (radiance, cd/m² up to exposure), `occlusion_strength` weighs the texture's red, `normal_scale` its slopes.
+    """
+
+    base_color: Float[Array, "*b m 4"]
+    metallic: Float[Array, "*b m"]
+    roughness: Float[Array, "*b m"]
+    emissive: Float[Array, "*b m 3"]
+    normal_scale: Float[Array, "*b m"]
+    occlusion_strength: Float[Array, "*b m"]
+    base_color_texture: Int[Array, " m"]
+    metallic_roughness_texture: Int[Array, " m"]
+    normal_texture: Int[Array, " m"]
+    occlusion_texture: Int[Array, " m"]
+    emissive_texture: Int[Array, " m"]
+    double_sided: Bool[Array, " m"]
+
+
+@record
+class Textures:
+    """All textures and all their mip levels in one buffer of linear texels.
+
+    Level l of texture t is `width × height` texels, row 0 on top, from `offset` on: `levels[t, l]` holds (offset,
+    width, height). Textures with fewer levels repeat their last one. `wrap[t]` says how u and v leave [0, 1]:
+    0 repeat, 1 clamp to edge, 2 mirrored repeat.
+    """
+
+    texels: Float[Array, "*b n 4"]
+    levels: Int[Array, "t l 3"]
+    wrap: Int[Array, "t 2"]
+
+
+@record
+class Camera:
+    """A rigid pose and a projection with reversed depth.
+
+    `world_from_view` places the camera (it looks down its -Z, +Y is up in the picture). `clip_from_view` is the
+    projection for a square picture; `render` scales its first row by height/width, so that the vertical field of
+    view stays and the picture's shape is the plan's alone. Clip z lies in [0, w]: w at the near plane, 0 at the far.
+    """
+
+    world_from_view: Float[Array, "*b 4 4"]
+    clip_from_view: Float[Array, "*b 4 4"]
+
+
+@record
+class Directional:
+    """Parallel light: unit `direction` in which it travels, `irradiance` (lx) on a surface facing it."""
+
+    direction: Float[Array, "*b d 3"]
+    irradiance: Float[Array, "*b d 3"]
+
+
+@record
+class Point:
+    """Light from a point: `position` (m), `intensity` (cd), faded to nothing at `range` (m, inf for never)."""
+
+    position: Float[Array, "*b p 3"]
+    intensity: Float[Array, "*b p 3"]
+    range: Float[Array, "*b p"]
+
+
+@record
+class Spot:
+    """A point light shining along unit `direction`, from full at the `inner` half angle (rad) to none at `outer`."""
+
+    position: Float[Array, "*b s 3"]
+    direction: Float[Array, "*b s 3"]
+    intensity: Float[Array, "*b s 3"]
+    range: Float[Array, "*b s"]
+    inner: Float[Array, "*b s"]
+    outer: Float[Array, "*b s"]
+
+
+@record
+class Lights:
+    """All lights of a scene by kind, each kind with a leading count that may be 0."""
+
+    directional: Directional
+    point: Point
+    spot: Spot
+
+
+@record
+class Environment:
+    """Two-tone surroundings: radiance `sky` from the half space around `up`, `ground` from the other.
+
+    Equal tones are a constant environment; zeros are none.
+    """
+
+    up: Float[Array, "*b 3"]
+    sky: Float[Array, "*b 3"]
+    ground: Float[Array, "*b 3"]
+
+
+@record
+class Scene:
+    """Everything but the camera."""
+
+    mesh: Mesh
+    materials: Materials
+    textures: Textures
+    lights: Lights
+    environment: Environment
+
+
+LIGHT_KINDS = ("directional", "point", "spot")
+TEXTURE_SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emissive")
+REPEAT, CLAMP, MIRROR = 0, 1, 2
+
+
+def _halve(image: np.ndarray) -> np.ndarray:
+    """The next mip level: size max(1, n // 2) on each axis, every texel weighed by its exact overlap (box filter)."""
+    for axis in (0, 1):
+        size = image.shape[axis]
+        half = max(1, size // 2)
+        if size == 2 * half:
+            image = 0.5 * (image.take(range(0, size, 2), axis) + image.take(range(1, size, 2), axis))
+        elif size > 1:
+            edges = np.arange(half + 1) * (size / half)
+            texel = np.arange(size)
+            overlap = np.minimum(edges[1:, None], texel + 1) - np.maximum(edges[:-1, None], texel)
+            weights = np.maximum(overlap, 0.0) * (half / size)
+            image = np.moveaxis(np.tensordot(weights, image, (1, axis)), 0, axis)
+    return image.astype(np.float32)
+
+
+def pack_textures(images: Sequence[np.ndarray], wrap: Sequence[tuple[int, int]] | None = None) -> Textures:
+    """Linear float images `[h, w, 4]` of any sizes, with all their mip levels, in one buffer.
+
+    Runs on the host. The mean of every level equals the image's, also for odd sizes. Without images the buffer holds
+    one white texel, so that it may still be gathered from.
+    """
+    images = [np.asarray(image, np.float32) for image in images] or [np.ones((1, 1, 4), np.float32)]
+    wrap = list(wrap) if wrap else [(REPEAT, REPEAT)] * len(images)
+    texels, levels, offset = [], [], 0
+    for image in images:
+        rows = []
+        while True:
+            rows.append((offset, image.shape[1], image.shape[0]))
+            texels.append(image.reshape(-1, 4))
+            offset += len(texels[-1])
+            if max(image.shape[:2]) == 1:
+                break
+            image = _halve(image)
+        levels.append(rows)
+    deepest = max(len(rows) for rows in levels)
+    table = [rows + rows[-1:] * (deepest - len(rows)) for rows in levels]
+    return Textures(
+        texels=jnp.asarray(np.concatenate(texels)),
+        levels=jnp.asarray(np.array(table, np.int32)),
+        wrap=jnp.asarray(np.array(wrap, np.int32)),
+    )
