@@ -52,7 +52,7 @@ class Surface:
 
 @record
 class Radiance:
-    """Light towards the viewer, kept apart by its path until `resolve`: linear, the unit of the lights over steradian."""
+    """Light towards the viewer, kept apart by its path until `resolve`: linear, in cd/m²."""
 
     direct_diffuse: Float[Array, "*b 3"]
     direct_specular: Float[Array, "*b 3"]
