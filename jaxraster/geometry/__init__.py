@@ -1,0 +1,1 @@
+"""Triangles before any camera sees them: shapes, normals, intersections."""
