@@ -39,3 +39,7 @@ class LimitError(Error):
     """A file or request larger than the limits of this program or this machine."""
 
     code = 5
+
+
+class AssetWarning(UserWarning):
+    """Something in a file is left out or put right: the picture differs from what its author saw."""

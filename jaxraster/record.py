@@ -32,7 +32,8 @@ def record(cls: type[T]) -> type[T]:
 
     Rebuilding from leaves skips `__init__`, so that `jax.tree.map` may put anything (None, shapes, tracers) in a
     leaf's place. Static fields are checked at construction, because JAX itself notices an array there only on the
-    second call. A plain int given for a leaf becomes a float: as an int it would retrace and break `grad`.
+    second call. A plain int given for a leaf becomes a float: as an int it would retrace and break `grad`. A method
+    `validate`, where the class has one, runs after that.
 
     Example:
         >>> @record
@@ -54,6 +55,7 @@ def record(cls: type[T]) -> type[T]:
                     )
             elif type(value) is int:
                 object.__setattr__(self, field.name, float(value))
+        validate(self)
 
     def flatten(self):
         return [getattr(self, n) for n in leaves], tuple(getattr(self, n) for n in treedef)
@@ -68,6 +70,7 @@ def record(cls: type[T]) -> type[T]:
             object.__setattr__(self, name, value)
         return self
 
+    validate = getattr(cls, "validate", lambda self: None)
     cls.__post_init__ = check
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
     fields = dataclasses.fields(cls)

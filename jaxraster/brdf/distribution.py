@@ -1,0 +1,20 @@
+"""D: how much microfacet area faces the half vector."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..math import safe
+
+
+def ggx(n: Float[Array, "*b 3"], h: Float[Array, "*b 3"], alpha: Float[Array, "*b"]) -> Float[Array, "*b"]:
+    """D = k²/π with k = α / (|n × h|² + α² (n·h)²), per steradian; 0 below the horizon.
+
+    |n × h|² is 1 - (n·h)² without its cancellation, which at α = 0.002 would cost float32 three percent of the peak.
+    Gradient: exact in n, h and α; finite for α > 0.
+
+    Source: Walter et al. 2007, eq. 33; the cross product as in Filament's documentation, 4.4.1.
+    """
+    across = jnp.cross(n, h)
+    n_dot_h = safe.dot(n, h)
+    k = alpha / (safe.dot(across, across) + (n_dot_h * alpha) ** 2)
+    return jnp.where(n_dot_h > 0, k * k / jnp.pi, 0.0)

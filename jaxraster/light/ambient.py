@@ -1,0 +1,53 @@
+"""Ambient light from a two-tone environment, unoccluded but for the material's own occlusion.
+
+Diffuse: irradiance over π is ground + (sky - ground)·(1 + n·up)/2, exact for two half spaces. Specular: the tone a lobe
+of width alpha about the mirror direction r gathers, times the lobe's directional albedo. The sky's share of that lobe
+is ½ + ½ r·up / √((r·up)² + α² (1 - (r·up)²)): a step for a mirror and the cosine's (1 + r·up)/2 at alpha = 1, both
+exact. Radiance in cd/m². Does not affect: direct light.
+
+Gradient: exact in tones, normal, view and material.
+Source: hemisphere lighting as in Baker & Boyd 2001; the blend between its two exact ends is ours.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..brdf.energy import directional_albedo
+from ..buffers import Surface
+from ..math import safe
+from ..record import Scalar, record
+from ..scene import Environment
+
+
+@record
+class Ambient:
+    """`gain` multiplies both tones."""
+
+    gain: Scalar = 1.0
+
+
+def sky_share(cosine: Float[Array, "*b"], alpha: Float[Array, "*b"]) -> Float[Array, "*b"]:
+    """The sky's share of a lobe of width alpha whose axis makes `cosine` with up. Gradient: exact for alpha > 0."""
+    a2 = alpha * alpha
+    return 0.5 + 0.5 * cosine * safe.divide(1.0, safe.sqrt(cosine * cosine * (1.0 - a2) + a2))
+
+
+def tones(environment: Environment, direction: Float[Array, "*b 3"], alpha: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
+    """The environment's radiance, blurred by a lobe of width alpha about each direction."""
+    up, sky, ground = (
+        jnp.broadcast_to(t, direction.shape) for t in (environment.up, environment.sky, environment.ground)
+    )
+    return ground + (sky - ground) * sky_share(safe.dot(direction, up), alpha)[..., None]
+
+
+def ambient(
+    surface: Surface, environment: Environment, settings: Ambient
+) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
+    """Diffuse and specular radiance."""
+    n, v = surface.normal, surface.view
+    n_dot_v = safe.dot(n, v)
+    mirror = 2.0 * n_dot_v[..., None] * n - v
+    albedo = directional_albedo(surface.f0, jnp.clip(n_dot_v, 0.0, 1.0), surface.alpha)
+    gain = (settings.gain * surface.occlusion)[..., None]
+    diffuse = surface.diffuse_color * (1.0 - albedo) * tones(environment, n, jnp.ones_like(n_dot_v))
+    return gain * diffuse, gain * albedo * tones(environment, mirror, surface.alpha)

@@ -1,0 +1,56 @@
+"""What is compiled, and the knobs of what is compiled, in one value.
+
+A Plan's treedef (sizes, names, which effects there are) keys compilation; its leaves (exposure, biases, gains) are
+traced. Turning a knob compiles nothing; an effect that is None leaves nothing in the program.
+"""
+
+from .display.dither import Dither
+from .display.tonemap import TONEMAPS
+from .light.ambient import Ambient
+from .light.background import Background
+from .light.emission import Emission
+from .light.shadow_map import ShadowMap
+from .record import Scalar, record, static
+from .scene import LIGHT_KINDS, TEXTURE_SLOTS
+
+SHADINGS = ("standard", "local")
+
+
+@record
+class Plan:
+    """How a scene is drawn.
+
+    `supersample` takes its square of samples per pixel. `shading` is "standard" (microfacets) or "local" (Blinn–Phong
+    and no visibility of lights: no shadow). `light_kinds` and `texture_slots` name what is evaluated and fetched;
+    `cull` drops the back faces of materials that are not double-sided. `exposure` in EV, each doubling the light.
+    """
+
+    width: int = static(640)
+    height: int = static(480)
+    supersample: int = static(1)
+    shading: str = static("standard")
+    cull: bool = static(True)
+    texture_slots: tuple = static(TEXTURE_SLOTS)
+    light_kinds: tuple = static(LIGHT_KINDS)
+    shadow_map: ShadowMap | None = None
+    ambient: Ambient | None = Ambient()
+    emission: Emission | None = Emission()
+    background: Background | None = Background()
+    exposure: Scalar = 0.0
+    tonemap: str = static("pbr_neutral")
+    dither: Dither | None = None
+
+    def validate(self):
+        """Raise one clear line for a size, name or combination that means nothing."""
+        for name in ("width", "height", "supersample"):
+            value = getattr(self, name)
+            if type(value) is not int or value < 1:
+                raise ValueError(f"Plan.{name} must be a whole number of at least 1, got {value!r}")
+        for name, known in (("shading", SHADINGS), ("tonemap", tuple(TONEMAPS))):
+            if getattr(self, name) not in known:
+                raise ValueError(f"Plan.{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
+        for name, known in (("texture_slots", TEXTURE_SLOTS), ("light_kinds", LIGHT_KINDS)):
+            if unknown := set(getattr(self, name)) - set(known):
+                raise ValueError(f"Plan.{name} may hold {', '.join(known)}, got {', '.join(sorted(map(str, unknown)))}")
+        if self.shading == "local" and self.shadow_map is not None:
+            raise ValueError('Plan.shadow_map must be None where Plan.shading is "local", which has no visibility term')

@@ -1,0 +1,178 @@
+"""The rules by which a scene needs an effect, each with its reason in words.
+
+A rule looks at concrete values on the host and errs towards "on": the picture under the plan equals the picture with
+everything on. Under `wrt` no rule drops an effect for the *value* of a leaf that will be differentiated, because a
+factor of zero still has a gradient. Gradient: none; plans are made outside of `jit`.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..light.ambient import Ambient
+from ..light.background import Background
+from ..light.emission import Emission
+from ..light.shadow_map import ShadowMap
+from ..parameters import matches, parameters
+from ..plan import Plan
+from ..scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene
+from ..visibility.project import clip_from_world
+from .occluders import may_shadow, visible_polygons
+
+STRENGTH = {"directional": "irradiance", "point": "intensity", "spot": "intensity"}
+
+
+class Reason(NamedTuple):
+    """Whether an effect is on, and why."""
+
+    on: bool
+    why: str
+
+
+class _Facts:
+    """Concrete values of a scene, and whether they can matter: not zero, or differentiated."""
+
+    def __init__(self, scene: Scene, camera: Camera, wrt: Sequence[str]):
+        self.scene, self.camera, self.wrt = jax.tree.map(np.asarray, scene), camera, wrt
+        self.used = np.unique(self.scene.mesh.material)
+
+    def differentiated(self, name: str) -> bool:
+        return any(matches(name, pattern) for pattern in self.wrt)
+
+    def material(self, name: str) -> np.ndarray:
+        """A material's factor `[..., used]`, as 0 or 1 where it cannot or can matter."""
+        axis = 1 if name in ("base_color", "emissive") else 0
+        values = getattr(self.scene.materials, name)
+        values = values[..., :3] if name == "base_color" else values
+        matter = (values != 0).any(axis=-1) if axis else values != 0
+        return matter[..., self.used] | self.differentiated(f"materials.{name}")
+
+    def textured(self, slot: str) -> np.ndarray:
+        return getattr(self.scene.materials, f"{slot}_texture")[self.used] >= 0
+
+    def light(self, kind: str) -> np.ndarray:
+        """Which lights of a kind can shine."""
+        name = STRENGTH[kind]
+        values = getattr(getattr(self.scene.lights, kind), name)
+        return (values != 0).any(axis=-1) | self.differentiated(f"lights.{kind}.{name}")
+
+    def surroundings(self) -> bool:
+        names = ("sky", "ground")
+        lit = any((getattr(self.scene.environment, name) != 0).any() for name in names)
+        return lit or any(self.differentiated(f"environment.{name}") for name in names)
+
+
+def _texture_slot(facts: _Facts, slot: str, ambient: bool) -> Reason:
+    factors = {
+        "base_color": ("base_color",),
+        "metallic_roughness": ("metallic", "roughness"),
+        "normal": ("normal_scale",),
+        "occlusion": ("occlusion_strength",),
+        "emissive": ("emissive",),
+    }[slot]
+    textured = facts.textured(slot)
+    if not textured.any():
+        return Reason(False, "no material in use has such a texture")
+    matter = np.any([facts.material(name) for name in factors], axis=0)
+    if not (matter & textured).any():
+        return Reason(False, f"every such texture is multiplied by {' and '.join(factors)} of zero")
+    if slot == "occlusion" and not ambient:
+        return Reason(False, "it darkens ambient light alone, and there is none")
+    return Reason(True, f"fetched by {int((matter & textured).reshape(-1, textured.size).any(axis=0).sum())} materials")
+
+
+def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | None, Reason]:
+    if shading == "local":
+        return None, Reason(False, "local shading has no visibility of lights")
+    lights, shining = facts.scene.lights.directional, facts.light("directional")
+    shining = shining.reshape(-1, shining.shape[-1]).any(axis=0)
+    if not shining.any():
+        return None, Reason(False, "no directional light shines, and other kinds cast no shadow yet")
+
+    # Take the strongest light; only one has a shadow so far.
+    strength = np.abs(lights.irradiance).sum(axis=-1).reshape(-1, shining.size).max(axis=0)
+    chosen = int(np.argmax(np.where(shining, strength, -1.0)))
+    others = "" if shining.sum() == 1 else f"; the other {int(shining.sum()) - 1} directional lights cast none"
+    vertices = facts.scene.mesh.vertices.reshape(-1, *facts.scene.mesh.vertices.shape[-2:])
+    directions = lights.direction.reshape(-1, *lights.direction.shape[-2:])[:, chosen]
+    matrices = np.asarray(clip_from_world(facts.camera, **plan_size)).reshape(-1, 4, 4)
+    undecided = False
+    for corners in vertices:
+        triangles = corners[facts.scene.mesh.faces]
+        triangles = triangles[np.isfinite(triangles).all(axis=(1, 2))]
+        for matrix in matrices:
+            receivers = visible_polygons(triangles, matrix)
+            for direction in directions:
+                verdict = may_shadow(triangles, receivers, direction)
+                if verdict:
+                    why = f"something stands between light {chosen} and a surface in view{others}"
+                    return ShadowMap(light=chosen), Reason(True, why)
+                undecided = undecided or verdict is None
+    if undecided:
+        return ShadowMap(light=chosen), Reason(True, f"too many faces to prove that none is shadowed{others}")
+    return None, Reason(False, "nothing stands between the light and any surface in view")
+
+
+def _concrete(scene: Scene, camera: Camera) -> None:
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, camera))):
+        raise TypeError(
+            "plan_for looks at concrete values: call it outside of jit, vmap and grad, and pass the plan in"
+        )
+
+
+def plan_for(
+    scene: Scene, camera: Camera, *, width: int = 640, height: int = 480, wrt: Sequence[str] = (), **settings: Any
+) -> tuple[Plan, dict[str, Reason]]:
+    """The least plan that draws `scene` as the fullest one would, and the reason for every effect in it or not.
+
+    Batches (leading axes of scene or camera) get the union of what their members need. `wrt` names the leaves, as in
+    `parameters`, in which the picture will be differentiated. Any other field of `Plan` may be given and is taken as
+    it is.
+
+    Example:
+        >>> from jaxraster import scenes
+        >>> plan, reasons = plan_for(*scenes.cornell_box(), width=64, height=64)
+        >>> reasons["ambient"]
+        Reason(on=False, why='the environment is black')
+    """
+    _concrete(scene, camera)
+    for pattern in wrt:
+        parameters({"scene": scene, "camera": camera}, (pattern,))
+    facts = _Facts(scene, camera, wrt)
+    size, shading = {"height": height, "width": width}, settings.get("shading", "standard")
+    reasons: dict[str, Reason] = {}
+
+    # Decide on light first: what it reaches decides the rest.
+    single_sided = (~facts.scene.materials.double_sided[facts.used]).any()
+    reasons["cull"] = Reason(bool(single_sided), "some" if single_sided else "no")
+    reasons["cull"] = reasons["cull"]._replace(why=f"{reasons['cull'].why} material in use is single-sided")
+    lit = facts.surroundings()
+    tones = "has light" if lit else "is black"
+    for slot in TEXTURE_SLOTS:
+        reasons[f"texture {slot}"] = _texture_slot(facts, slot, lit)
+    for kind in LIGHT_KINDS:
+        count, shining = facts.light(kind).shape[-1], facts.light(kind).any()
+        reasons[f"light {kind}"] = Reason(
+            bool(shining), f"{count} in the scene" + ("" if shining or not count else ", all black")
+        )
+    shadow, reasons["shadow_map"] = _shadow(facts, size, shading)
+    emits = facts.material("emissive").any()
+    reasons["emission"] = Reason(bool(emits), f"{'a' if emits else 'no'} material in use emits light")
+    reasons["ambient"] = Reason(lit, f"the environment {tones}")
+    reasons["background"] = Reason(lit, f"the environment {tones}")
+    reasons["dither"] = Reason(False, "only on request")
+
+    chosen = {
+        "cull": reasons["cull"].on,
+        "texture_slots": tuple(slot for slot in TEXTURE_SLOTS if reasons[f"texture {slot}"].on),
+        "light_kinds": tuple(kind for kind in LIGHT_KINDS if reasons[f"light {kind}"].on),
+        "shadow_map": shadow,
+        "emission": Emission() if emits else None,
+        "ambient": Ambient() if lit else None,
+        "background": Background() if lit else None,
+    }
+    for name in settings.keys() & reasons.keys():
+        reasons[name] = Reason(settings[name] not in (None, False), "as asked for")
+    return Plan(**{**chosen, **size, **settings}), reasons

@@ -1,0 +1,95 @@
+"""Whether any surface in view can be shadowed at all: a proof on the host, on concrete geometry.
+
+A face shadows another only if, seen along the light, the two overlap, and it reaches above the other's plane. Faces in
+view are first cut to the camera's frustum; the answer errs towards "yes".
+
+Gradient: none, plain NumPy in double precision.
+"""
+
+import numpy as np
+
+# More pairs than this are not worth proving anything about: some pair almost surely overlaps.
+MAX_PAIRS = 4_000_000
+# A face must reach above a plane by this share of the scene's size, which is some float32 roundings of a position.
+RELATIVE_GAP = 1e-6
+# Overlap is judged with this margin of the scene's size: a shadow map's filter reaches two texels of the default 1024
+# beyond an edge, and snapping and the map's own margin may add as much again.
+RELATIVE_REACH = 4 / 1024
+
+
+def clip_to_frustum(triangle: np.ndarray, clip_from_world: np.ndarray) -> np.ndarray:
+    """The part of a triangle `[3, 3]` in view, as a convex polygon `[k, 3]`; k = 0 where none is."""
+    polygon = [np.append(corner, 1.0) for corner in triangle.astype(np.float64)]
+    matrix = clip_from_world.astype(np.float64)
+    planes = [matrix[3] - matrix[0], matrix[3] + matrix[0], matrix[3] - matrix[1], matrix[3] + matrix[1]]
+    planes += [matrix[3] - matrix[2], matrix[2]]
+    for plane in planes:
+        kept = []
+        for start, end in zip(polygon, polygon[1:] + polygon[:1]):
+            a, b = plane @ start, plane @ end
+            if a >= 0:
+                kept.append(start)
+            if (a >= 0) != (b >= 0):
+                kept.append(start + a / (a - b) * (end - start))
+        polygon = kept
+    return np.array([corner[:3] for corner in polygon]).reshape(-1, 3)
+
+
+def visible_polygons(triangles: np.ndarray, clip_from_world: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """(face, polygon) of every face that reaches into the frustum."""
+    corners = np.concatenate([triangles, np.ones((*triangles.shape[:2], 1))], axis=-1).astype(np.float64)
+    x, y, z, w = np.moveaxis(corners @ clip_from_world.T.astype(np.float64), -1, 0)
+    distances = np.stack([w - x, w + x, w - y, w + y, w - z, z])
+    inside = (distances >= 0).all(axis=(0, 2))
+    crossing = ~inside & ~(distances < 0).all(axis=2).any(axis=0)
+    polygons = [(int(face), triangles[face]) for face in np.flatnonzero(inside)]
+    for face in np.flatnonzero(crossing):
+        polygon = clip_to_frustum(triangles[face], clip_from_world)
+        if len(polygon) >= 3:
+            polygons.append((int(face), polygon))
+    return polygons
+
+
+def _separated(a: np.ndarray, others: np.ndarray, reach: float) -> np.ndarray:
+    """Whether a polygon `[k, 2]` and triangles `[n, 3, 2]`, all convex, lie apart by more than `reach`."""
+
+    def axes(polygons):
+        edges = np.roll(polygons, -1, axis=-2) - polygons
+        lengths = np.linalg.norm(edges, axis=-1, keepdims=True)
+        return np.stack([-edges[..., 1], edges[..., 0]], axis=-1) / np.where(lengths > 0, lengths, 1.0)
+
+    def gaps(axis):
+        along = np.moveaxis(axis, -1, -2)
+        mine, theirs = a @ along, others @ along
+        return np.maximum(theirs.min(-2) - mine.max(-2), mine.min(-2) - theirs.max(-2)).max(-1)
+
+    own = np.broadcast_to(axes(a), (len(others), len(a), 2))
+    return np.maximum(gaps(own), gaps(axes(others))) > reach
+
+
+def may_shadow(triangles: np.ndarray, receivers: list[tuple[int, np.ndarray]], direction: np.ndarray) -> bool | None:
+    """Whether any of the faces `[f, 3, 3]` can stand between the light and a receiver; None if too many to tell."""
+    if len(receivers) * len(triangles) > MAX_PAIRS:
+        return None
+    towards = -np.asarray(direction, np.float64) / np.linalg.norm(direction)
+    helper = np.eye(3)[np.argmin(np.abs(towards))]
+    right = np.cross(helper, towards)
+    right /= np.linalg.norm(right)
+    flat = np.stack([right, np.cross(towards, right)], axis=-1)
+    triangles = triangles.astype(np.float64)
+    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    shadows = triangles @ flat
+
+    for face, polygon in receivers:
+        a, b, c = triangles[face]
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal)
+        if length == 0:
+            continue
+        normal *= np.where(normal @ towards < 0, -1.0, 1.0) / length
+        above = ((triangles - a) @ normal).max(axis=1) > RELATIVE_GAP * size
+        above[face] = False
+        candidates = shadows[above]
+        if len(candidates) and not _separated(polygon @ flat, candidates, RELATIVE_REACH * size).all():
+            return True
+    return False

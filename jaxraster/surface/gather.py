@@ -1,0 +1,97 @@
+"""The geometry under each pixel: one row of its face's corner attributes, combined by the barycentrics.
+
+World space. Gradient: exact in vertices, attributes and camera, for the faces that are visible.
+"""
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from ..buffers import Visibility
+from ..geometry.normals import face_normals
+from ..math import safe
+from ..record import record
+from ..scene import CLAMP, Camera, Scene
+from ..visibility.barycentric import combine, footprint, interpolate, rows
+
+
+@record
+class Fragment:
+    """Interpolated geometry per pixel; vectors are unit but for the tangent, which `normal_map` straightens.
+
+    `footprint` is ∂uv/∂(pixel right, down), None where no texture is fetched; `tangent` None where no normal map is.
+    """
+
+    mask: Bool[Array, "*b"]
+    material: Int[Array, "*b"]
+    position: Float[Array, "*b 3"]
+    normal: Float[Array, "*b 3"]
+    geometric_normal: Float[Array, "*b 3"]
+    tangent: Float[Array, "*b 4"] | None
+    view: Float[Array, "*b 3"]
+    uv: Float[Array, "*b 2"]
+    footprint: Float[Array, "*b 2 2"] | None
+
+
+def _uvs_near_origin(scene: Scene) -> Float[Array, "f 6"]:
+    """Corner uvs per face, less an even whole number where the material's textures all repeat or mirror there.
+
+    Far from the origin float32 has no bits left between texels; the shift changes no texel that is fetched.
+    """
+    materials, corners = scene.materials, scene.mesh.uvs[scene.mesh.faces]
+    slots = [getattr(materials, f"{slot}_texture") for slot in ("base_color", "metallic_roughness", "normal")]
+    slots += [materials.occlusion_texture, materials.emissive_texture]
+    clamps = [(scene.textures.wrap[jnp.maximum(slot, 0)] == CLAMP) & (slot >= 0)[:, None] for slot in slots]
+    clamped = jnp.any(jnp.stack(clamps), axis=0)[scene.mesh.material]
+    shift = 2.0 * jnp.floor(0.5 * jnp.min(lax.stop_gradient(corners), axis=1))
+    shift = jnp.where(clamped | ~jnp.isfinite(shift), 0.0, shift)
+    return (corners - shift[:, None, :]).reshape(-1, 6)
+
+
+def view_direction(position: Float[Array, "*b 3"], camera: Camera) -> Float[Array, "*b 3"]:
+    """Unit vectors towards the viewer: to the eye, or backwards for a parallel projection."""
+    eye, back = (jnp.broadcast_to(camera.world_from_view[:3, i], position.shape) for i in (3, 2))
+    perspective = camera.clip_from_view[3, 2] != 0
+    return safe.normalize(jnp.where(perspective, eye - position, back))
+
+
+def gather(
+    scene: Scene,
+    visibility: Visibility,
+    clip: Float[Array, "v 4"],
+    camera: Camera,
+    *,
+    textured: bool = True,
+    normal_mapped: bool = True,
+) -> Fragment:
+    """Fetch and interpolate; normals are turned to face the viewer. Footprints and tangents only if asked for."""
+    mesh, face = scene.mesh, visibility.face
+    mask = face >= 0
+
+    def present(values, background):
+        # Give the background a unit vector, so that nothing downstream meets a zero one.
+        return jnp.where(mask[..., None], values, jnp.broadcast_to(jnp.array(background, values.dtype), values.shape))
+
+    position = interpolate(mesh.vertices, mesh.faces, visibility)
+    view = view_direction(position, camera)
+    normal = present(safe.normalize(interpolate(mesh.normals, mesh.faces, visibility)), (0, 0, 1))
+    flat = rows(face_normals(mesh.vertices, mesh.faces), face, jnp.array([0, 0, 1], normal.dtype))
+    turn = jnp.where(safe.dot(flat, view) < 0, -1.0, 1.0).astype(normal.dtype)[..., None]
+
+    uv_corners = rows(_uvs_near_origin(scene), face, jnp.zeros(6, mesh.uvs.dtype))
+    # Seen from behind, the mapped normal is the opposite of the front's: turn all axes, and the sign with them.
+    tangent = (
+        turn * present(interpolate(mesh.tangents, mesh.faces, visibility), (1, 0, 0, 1)) if normal_mapped else None
+    )
+    material = mesh.material.at[jnp.maximum(face, 0)].get(mode="clip")
+    return Fragment(
+        mask=mask,
+        material=jnp.where(mask, material, 0),
+        position=position,
+        normal=turn * normal,
+        geometric_normal=turn * flat,
+        tangent=tangent,
+        view=view,
+        uv=combine(uv_corners, visibility.barycentric),
+        footprint=footprint(uv_corners, clip, mesh.faces, visibility) if textured else None,
+    )

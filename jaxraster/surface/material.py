@@ -1,0 +1,70 @@
+"""Metallic-roughness materials, from what is authored to what the BRDF wants.
+
+base, metallic m and roughness r, each its factor times its texture, become diffuse colour (1 - m)·base,
+f0 = 0.04 + m (base - 0.04), and alpha = r². Linear Rec.709.
+
+Gradient: exact in factors and texels; roughness below 0.045 is raised to it and has none.
+Source: glTF 2.0 specification, appendix B.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..buffers import Surface
+from ..scene import Materials, Textures
+from .gather import Fragment
+from .normal_map import normal_map
+from .texture import texture
+
+DIELECTRIC_F0 = 0.04  # ((n - 1) / (n + 1))² of n = 1.5
+# Below this a highlight is narrower than float32's unit vectors resolve (D(0) = 8e4); Filament's floor as well.
+MIN_ROUGHNESS = 0.045
+
+
+def metallic_roughness(
+    base: Float[Array, "*b 3"], metallic: Float[Array, "*b"], roughness: Float[Array, "*b"]
+) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"], Float[Array, "*b"]]:
+    """(diffuse colour, f0, alpha)."""
+    metallic = metallic[..., None]
+    roughness = jnp.where(roughness < MIN_ROUGHNESS, MIN_ROUGHNESS, roughness)
+    return base * (1.0 - metallic), DIELECTRIC_F0 + metallic * (base - DIELECTRIC_F0), roughness * roughness
+
+
+def material(fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...]) -> Surface:
+    """The surface at every pixel. `slots` names the textures that are fetched; the others count as white or flat."""
+
+    def factor(name):
+        return getattr(materials, name).at[fragment.material].get(mode="promise_in_bounds")
+
+    def fetch(slot):
+        return texture(textures, factor(f"{slot}_texture"), fragment.uv, fragment.footprint)
+
+    base, metallic, roughness = factor("base_color")[..., :3], factor("metallic"), factor("roughness")
+    emissive, occlusion, normal = factor("emissive"), jnp.ones_like(metallic), fragment.normal
+    if "base_color" in slots:
+        base = base * fetch("base_color")[..., :3]
+    if "metallic_roughness" in slots:
+        texel = fetch("metallic_roughness")
+        metallic, roughness = metallic * texel[..., 2], roughness * texel[..., 1]
+    if "emissive" in slots:
+        emissive = emissive * fetch("emissive")[..., :3]
+    if "occlusion" in slots:
+        occlusion = 1.0 + factor("occlusion_strength") * (fetch("occlusion")[..., 0] - 1.0)
+    if "normal" in slots:
+        mapped = normal_map(fetch("normal")[..., :3], factor("normal_scale"), normal, fragment.tangent)
+        normal = jnp.where((factor("normal_texture") >= 0)[..., None], mapped, normal)
+
+    diffuse_color, f0, alpha = metallic_roughness(base, metallic, roughness)
+    return Surface(
+        mask=fragment.mask,
+        position=fragment.position,
+        normal=normal,
+        geometric_normal=fragment.geometric_normal,
+        view=fragment.view,
+        uv=fragment.uv,
+        diffuse_color=diffuse_color,
+        f0=f0,
+        alpha=alpha,
+        emissive=emissive,
+        occlusion=occlusion,
+    )

@@ -1,0 +1,109 @@
+"""Where in its triangle each pixel lies, and what is interpolated there: the differentiable half of visibility.
+
+With a pixel at (X, Y) of the screen's [-1, 1]² and q_i = (x_i - X w_i, y_i - Y w_i) of its triangle's clip positions,
+e_0 = q_1 × q_2 and so on, the perspective-correct barycentrics are β_i = e_i / Σe. No w is divided by, so that corners
+behind the camera do no harm.
+
+Gradient: exact in clip positions and attributes, for the given faces.
+Source: Olano & Greer 1997, "Triangle Scan Conversion using 2D Homogeneous Coordinates".
+"""
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from ..buffers import Visibility
+from ..math import safe
+from ..math.table import fetch
+
+LIMIT = 1.844e18  # √FLT_MAX: beyond it a product of two coordinates overflows
+
+
+def rows(table: Float[Array, "f n"], face: Int[Array, "*b"], background: Float[Array, " n"]) -> Float[Array, "*b n"]:
+    """Rows of a per-face table, and `background` where there is no face: index -1 would wrap to the last one."""
+    table = jnp.concatenate([table, background[None]])
+    return fetch(table, jnp.where(face < 0, table.shape[0] - 1, face))
+
+
+def _edges(clip, faces, face):
+    """q_x, q_y, w, z of the three corners, and e, at every pixel; where there is no face, of one that is harmless."""
+    height, width = face.shape
+    corners = clip[faces]
+    # Scale each face to w about 1, so that tiny and huge scenes keep their products inside float32's range.
+    scale = lax.stop_gradient(jnp.max(jnp.abs(corners[..., 3]), axis=1))[:, None, None]
+    usable = jnp.all(jnp.abs(corners) < LIMIT, axis=(1, 2), keepdims=True) & (scale > safe.TINY)
+    corners = jnp.where(usable, corners, 1.0) / jnp.where(usable, scale, 1.0)
+    table = jnp.swapaxes(corners, 1, 2).reshape(-1, 12)
+    row = rows(table, face, jnp.array([1, 0, -1, 0, 1, -1, 0, 0, 0, 1, 1, 1], clip.dtype))
+    x, y, z, w = (tuple(row[..., 3 * c + i] for i in range(3)) for c in range(4))
+
+    centre_x = ((jnp.arange(width, dtype=clip.dtype) + 0.5) * (2.0 / width) - 1.0)[None, :]
+    centre_y = (1.0 - (jnp.arange(height, dtype=clip.dtype) + 0.5) * (2.0 / height))[:, None]
+    qx = [x[i] - centre_x * w[i] for i in range(3)]
+    qy = [y[i] - centre_y * w[i] for i in range(3)]
+    e = [qx[i] * qy[j] - qy[i] * qx[j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    return qx, qy, w, z, e
+
+
+def barycentric(
+    clip: Float[Array, "v 4"], faces: Int[Array, "f 3"], face: Int[Array, "h w"]
+) -> tuple[Float[Array, "h w 3"], Float[Array, "h w"]]:
+    """β and depth Σ β_i z_i / Σ β_i w_i of the given faces at every pixel's centre; 0 where there is none.
+
+    β is clamped to [0, 1] and sums to 1, because a centre that is covered by the snapped triangle may lie up to 1/256
+    pixel outside the true one; there the clamped β have no gradient.
+    """
+    _, _, w, z, e = _edges(clip, faces, face)
+    reversed_winding = e[0] + e[1] + e[2] < 0
+    e = [jnp.maximum(jnp.where(reversed_winding, -v, v), 0.0) for v in e]
+    total = e[0] + e[1] + e[2]
+    visible = face >= 0
+    beta = [jnp.where(visible, safe.divide(v, total), 0.0) for v in e]
+    depth = safe.divide(sum(b * v for b, v in zip(beta, z)), sum(b * v for b, v in zip(beta, w)))
+    return jnp.stack(beta, axis=-1), depth
+
+
+def combine(corners: Float[Array, "*b m"], beta: Float[Array, "*b 3"]) -> Float[Array, "*b c"]:
+    """c₀ + β₁ (c₁ - c₀) + β₂ (c₂ - c₀) of three corners' attributes laid end to end, m = 3c.
+
+    This form gives a constant attribute exactly, and with β on the simplex stays within the corners' values.
+    """
+    num = corners.shape[-1] // 3
+    c0, c1, c2 = corners[..., :num], corners[..., num : 2 * num], corners[..., 2 * num :]
+    return c0 + beta[..., 1:2] * (c1 - c0) + beta[..., 2:3] * (c2 - c0)
+
+
+def interpolate(
+    attributes: Float[Array, "v c"], faces: Int[Array, "f 3"], visibility: Visibility
+) -> Float[Array, "*b h w c"]:
+    """Perspective-correct attributes at every pixel, 0 where there is nothing.
+
+    Gradient: exact in attributes and barycentrics.
+    """
+    table = attributes[faces].reshape(faces.shape[0], -1)
+    corners = rows(table, visibility.face, jnp.zeros(table.shape[1], attributes.dtype))
+    return combine(corners, visibility.barycentric)
+
+
+def footprint(
+    corners: Float[Array, "h w m"], clip: Float[Array, "v 4"], faces: Int[Array, "f 3"], visibility: Visibility
+) -> Float[Array, "h w c 2"]:
+    """∂attribute/∂(pixel right, pixel down), exactly: no differences between neighbouring pixels.
+
+    `corners` are the three corners' attributes of each pixel's face, laid end to end. With s = Σe,
+    ∂β_i = (∂e_i - β_i ∂s) / s, and e is linear in X and Y. 0 where there is nothing.
+    """
+    qx, qy, w, _, e = _edges(clip, faces, visibility.face)
+    height, width = visibility.face.shape
+    total = e[0] + e[1] + e[2]
+    pairs = ((1, 2), (2, 0), (0, 1))
+    steps = [[(w[j] * qy[i] - w[i] * qy[j]) * (2.0 / width) for i, j in pairs]]
+    steps += [[(w[i] * qx[j] - w[j] * qx[i]) * (-2.0 / height) for i, j in pairs]]
+    derivatives = []
+    for step in steps:
+        sum_step = step[0] + step[1] + step[2]
+        change = [safe.divide(s - visibility.barycentric[..., i] * sum_step, total) for i, s in enumerate(step)]
+        beta = jnp.where((visibility.face >= 0)[..., None], jnp.stack(change, axis=-1), 0.0)
+        # The changes of β sum to 0, so that the first corner is counted once and cancels.
+        derivatives.append(combine(corners, beta) - corners[..., : corners.shape[-1] // 3])
+    return jnp.stack(derivatives, axis=-1)

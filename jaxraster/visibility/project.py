@@ -1,0 +1,20 @@
+"""World space to clip space.
+
+Gradient: exact in vertices, pose and projection.
+"""
+
+from jaxtyping import Array, Float
+
+from ..math.transform import invert_rigid, multiply, transform_points
+from ..scene import Camera
+
+
+def clip_from_world(camera: Camera, *, height: int, width: int) -> Float[Array, "*b 4 4"]:
+    """The camera's whole transform for a picture of this shape: x is scaled by height/width."""
+    projection = camera.clip_from_view.at[..., 0, :].multiply(height / width)
+    return multiply(projection, invert_rigid(camera.world_from_view))
+
+
+def project(vertices: Float[Array, "*b v 3"], camera: Camera, *, height: int, width: int) -> Float[Array, "*b v 4"]:
+    """Clip positions with reversed depth: z in [0, w], w at the near plane."""
+    return transform_points(clip_from_world(camera, height=height, width=width), vertices)
