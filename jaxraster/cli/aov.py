@@ -1,0 +1,159 @@
+"""Each buffer of a frame as a picture to look at.
+
+Light and colours get the display's curve; data (normals, coordinates, roughness) are written as they are. Black is
+nothing: no surface was seen there.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class AOV(NamedTuple):
+    """`pick(frame, camera, plan)` names a buffer of a frame, under jit; `show(mask, values)` makes a picture of it on
+    the host, [h w 3] in [0, 1], and a remark on its scale."""
+
+    pick: Callable[..., Any]
+    show: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, str]]
+
+
+def finite_pixels(image) -> tuple[np.ndarray, int]:
+    """The image with its non-finite pixels black, and how many those were."""
+    image = np.asarray(image)
+    good = np.all(np.isfinite(image), axis=-1, keepdims=True)
+    return np.where(good, image, 0.0), int(np.sum(~good))
+
+
+def _surface(name: str):
+    """Pick a field of the surface."""
+    return lambda frame, camera, plan: getattr(frame.surface, name)
+
+
+def _visibility(name: str):
+    """Pick a field of the visibility."""
+    return lambda frame, camera, plan: getattr(frame.visibility, name)
+
+
+def _distance(frame, camera, plan):
+    """Pick the metres in front of the camera, along its axis."""
+    import jax.numpy as jnp
+
+    from ..math.safe import dot
+
+    position = frame.surface.position
+    pose = jnp.broadcast_to(camera.world_from_view[:3], (*position.shape, 4))
+    return dot(pose[..., 3] - position, pose[..., 2])
+
+
+def _light(name: str):
+    """Pick one path of the light, displayed as the image is."""
+
+    def pick(frame, camera, plan):
+        from ..display.exposure import exposure
+        from ..display.tonemap import tonemap
+        from ..display.transfer import srgb_encode
+
+        return srgb_encode(tonemap(exposure(getattr(frame.radiance, name), plan.exposure), plan.tonemap))
+
+    return pick
+
+
+def _picture(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Clip to [0, 1], black where nothing is; one channel becomes grey, two red and green."""
+    image, _ = finite_pixels(np.where(mask[..., None], values, 0.0))
+    missing = 3 - image.shape[-1]
+    image = np.pad(image, ((0, 0), (0, 0), (0, missing)), mode="edge" if missing == 2 else "constant")
+    return np.clip(image, 0.0, 1.0)
+
+
+def _codes(mask, values):
+    """Show data in [0, 1] unchanged."""
+    return _picture(mask, values), "data in [0, 1], no curve"
+
+
+def _shown(mask, values):
+    """Show what has already been through the display."""
+    return _picture(np.ones_like(mask), values), "displayed as the image is"
+
+
+def _colour(mask, values):
+    """Show linear light through the sRGB curve alone."""
+    import jax.numpy as jnp
+
+    from ..display.transfer import srgb_encode
+
+    return np.asarray(srgb_encode(jnp.asarray(_picture(mask, values)))), "linear colour through the sRGB curve"
+
+
+def _units(mask, values):
+    """Show directions: 0.5 + 0.5 n."""
+    return _picture(mask, 0.5 + 0.5 * values), "0.5 + 0.5 n in world space, no curve"
+
+
+def _fraction(mask, values):
+    """Show coordinates modulo 1."""
+    return _picture(mask, values % 1.0), "the fractions of u and v, no curve"
+
+
+def _roughness(mask, values):
+    """Show the perceptual roughness, √alpha."""
+    return _picture(mask, np.sqrt(values)), "perceptual roughness, no curve"
+
+
+def _hashed(mask, values):
+    """Show numbers as colours, far apart for neighbours: fractions of multiples of 1/g, 1/g², 1/g³ with g⁴ = g + 1.
+
+    Source: Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences".
+    """
+    steps = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+    return _picture(mask, 0.25 + 0.75 * (values * steps % 1.0)), f"{len(np.unique(values[mask]))} faces"
+
+
+def _scaled(least: float, greatest: float, words: str):
+    """Show values with their least drawn as the code `least` and their greatest as `greatest`, and tell both."""
+
+    def show(mask, values):
+        seen = values[mask & np.isfinite(values).all(axis=-1)]
+        low, high = (seen.min(0), seen.max(0)) if len(seen) else (np.zeros(values.shape[-1]),) * 2
+        size = np.where(high > low, high - low, 1.0)
+        low_text, high_text = (" ".join(f"{x:.4g}" for x in v) for v in (low, high))
+        return _picture(
+            mask, least + (greatest - least) * (values - low) / size
+        ), f"{low_text} to {high_text} m, {words}"
+
+    return show
+
+
+AOVS: dict[str, AOV] = {
+    "depth": AOV(_distance, _scaled(1.0, 0.1, "white to dark")),
+    "normal": AOV(_surface("normal"), _units),
+    "geometric_normal": AOV(_surface("geometric_normal"), _units),
+    "face": AOV(_visibility("face"), _hashed),
+    "barycentric": AOV(_visibility("barycentric"), _codes),
+    "uv": AOV(_surface("uv"), _fraction),
+    "position": AOV(_surface("position"), _scaled(0.0, 1.0, "black to white")),
+    "diffuse_color": AOV(_surface("diffuse_color"), _colour),
+    "f0": AOV(_surface("f0"), _colour),
+    "roughness": AOV(_surface("alpha"), _roughness),
+    "occlusion": AOV(_surface("occlusion"), _codes),
+    "emissive": AOV(_surface("emissive"), _colour),
+    "direct_diffuse": AOV(_light("direct_diffuse"), _shown),
+    "direct_specular": AOV(_light("direct_specular"), _shown),
+    "indirect_diffuse": AOV(_light("indirect_diffuse"), _shown),
+    "indirect_specular": AOV(_light("indirect_specular"), _shown),
+    "emitted": AOV(_light("emitted"), _shown),
+}
+
+
+def pick(name: str, frame, camera, plan):
+    """A buffer [h w c] and where it is seen: of plan.supersample² samples per pixel, the one in the middle."""
+    n = plan.supersample
+    buffer = AOVS[name].pick(frame, camera, plan)
+    buffer = buffer if buffer.ndim == 3 else buffer[..., None]
+    return frame.surface.mask[n // 2 :: n, n // 2 :: n], buffer[n // 2 :: n, n // 2 :: n]
+
+
+def picture(name: str, mask, buffer) -> tuple[np.ndarray, str]:
+    """A picked buffer as [h w 3] in [0, 1], and a remark on its scale."""
+    return AOVS[name].show(np.asarray(mask), np.asarray(buffer))

@@ -1,0 +1,156 @@
+"""Render a scene to a picture.
+
+A file is loaded, planned, compiled and drawn; the plan says which effects are in and why, and how long each step took.
+"""
+
+import argparse
+import contextlib
+import os
+import pathlib
+import time
+from collections.abc import Iterator
+
+from ..errors import InputError, LimitError, UsageError
+from .arguments import choose, direction, finite, guess, names, whole
+from .terminal import complain, progress, say
+
+MAX_SIDE = 16384
+MAX_SAMPLES = 2**28  # of the whole picture: 256 Mi, of which every buffer of one float takes 1 GiB
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `jaxraster render`."""
+    parser.add_argument(
+        "scene",
+        nargs="?",
+        default="stage",
+        metavar="SCENE",
+        help="a glTF, OBJ, PLY, STL or OFF file, or a built-in scene: stage (default), cornell_box, material_grid",
+    )
+    option = parser.add_argument
+    option("-o", "--output", default="render.png", metavar="OUT", help="the picture to write (default: %(default)s)")
+    option("--width", type=whole(1), default=640, metavar="W", help="pixels (default: %(default)s)")
+    option("--height", type=whole(1), default=480, metavar="H", help="pixels (default: %(default)s)")
+    option("--camera", type=whole(0), metavar="N", help="which of the file's cameras (default: 0)")
+    option("--exposure", type=finite, default=0.0, metavar="EV", help="stops, +1 is twice as bright (default: 0)")
+    option("--tonemap", default="pbr_neutral", metavar="NAME", help="the tone map (default: %(default)s)")
+    option("--shading", default="standard", metavar="NAME", help="standard (default), or local: lights alone")
+    option(
+        "--light-direction",
+        type=direction,
+        metavar="X,Y,Z",
+        help="light a file by one lamp alone, which shines in this direction",
+    )
+    option("--dither", action="store_true", help="hide the steps of slow ramps under noise of one code")
+    option("--supersample", type=whole(1, 8), default=1, metavar="N", help="N x N samples per pixel (default: 1)")
+    option(
+        "--aov",
+        type=names,
+        default=[],
+        metavar="NAME,...",
+        help="also write these buffers as OUT.NAME.png; 'all' for every one, a wrong name lists them",
+    )
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse what cannot be rendered or written, before anything slow begins."""
+    from ..display.tonemap import TONEMAPS
+    from ..io.image import check_writable
+    from ..plan import SHADINGS
+    from .aov import AOVS
+
+    choose("--tonemap", arguments.tonemap, TONEMAPS)
+    choose("--shading", arguments.shading, SHADINGS)
+    if arguments.aov == ["all"]:
+        arguments.aov = list(AOVS)
+    for name in arguments.aov:
+        choose("--aov", name, AOVS)
+    width, height, n = arguments.width, arguments.height, arguments.supersample
+    for option, side in (("--width", width), ("--height", height)):
+        if side > MAX_SIDE:
+            raise LimitError(None, option, f"{side} pixels are more than the limit of {MAX_SIDE}")
+    if width * height * n * n > MAX_SAMPLES:
+        raise LimitError(
+            None,
+            "",
+            f"{width} x {height} pixels with {n} x {n} samples are {width * height * n * n} "
+            f"samples, more than the limit of {MAX_SAMPLES}; choose a smaller picture",
+        )
+    for path in (arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)):
+        check_writable(path)
+
+
+def _aov_path(output: str, name: str) -> str:
+    """`folder/picture.png` -> `folder/picture.depth.png`."""
+    return str(pathlib.Path(output).with_suffix(f".{name}.png"))
+
+
+def _load(arguments: argparse.Namespace):
+    """The scene and camera: built in if the name is one of those, else from the file."""
+    from ..io.load import load
+    from ..scenes import SCENES
+
+    name = arguments.scene
+    if name in SCENES:
+        for option, value in (("--camera", arguments.camera), ("--light-direction", arguments.light_direction)):
+            if value is not None:
+                raise UsageError(None, option, f"is for files; the built-in scene {name!r} has its own")
+        return SCENES[name]()
+    if not os.path.exists(name) and not os.path.splitext(name)[1]:
+        raise InputError(name, "", f"neither a file nor a built-in scene{guess(name, SCENES)}")
+    return load(name, camera=arguments.camera or 0, light_direction=arguments.light_direction)
+
+
+@contextlib.contextmanager
+def _step(seconds: dict[str, float], name: str, doing: str) -> Iterator[None]:
+    """Show a step while it lasts and note its seconds."""
+    progress(f"{doing}...")
+    start = time.perf_counter()
+    yield
+    seconds[name] = time.perf_counter() - start
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Load, plan, compile, render, save; say what was done."""
+    _check(arguments)
+    import jax
+
+    from ..display.dither import Dither
+    from ..io.image import write_image
+    from ..planner import explain, plan_for
+    from ..render import render
+    from .aov import finite_pixels, pick, picture
+
+    seconds: dict[str, float] = {}
+    with _step(seconds, "load", "loading"):
+        scene, camera = jax.block_until_ready(_load(arguments))
+    sizes = {name: getattr(arguments, name) for name in ("width", "height", "supersample")}
+    looks = {name: getattr(arguments, name) for name in ("tonemap", "exposure", "shading")}
+    looks |= {"dither": Dither()} if arguments.dither else {}
+    with _step(seconds, "plan", "planning"):
+        plan, reasons = plan_for(scene, camera, **sizes, **looks)
+    say(explain(reasons))
+
+    # Ask for the wanted buffers only: what is not returned is never computed.
+    def buffers(scene, camera, plan):
+        frame = render(scene, camera, plan)
+        return frame.image, [pick(name, frame, camera, plan) for name in arguments.aov]
+
+    with _step(seconds, "compile", "compiling"):
+        compiled = jax.jit(buffers).lower(scene, camera, plan).compile()
+    with _step(seconds, "frame", "rendering"):
+        image, aovs = jax.block_until_ready(compiled(scene, camera, plan))
+    say(" · ".join(f"{name} {value:.{3 if name == 'frame' else 2}f} s" for name, value in seconds.items()))
+
+    progress("saving...")
+    image, bad = finite_pixels(image)
+    if bad:
+        total = arguments.width * arguments.height
+        complain("warning", f"{arguments.output}: {bad} of {total} pixels are not finite and written as black")
+    write_image(arguments.output, image)
+    say(f"wrote {arguments.output} ({arguments.width}x{arguments.height})")
+    for name, buffer in zip(arguments.aov, aovs):
+        path = _aov_path(arguments.output, name)
+        image, about = picture(name, *buffer)
+        write_image(path, image)
+        say(f"wrote {path} ({about})")

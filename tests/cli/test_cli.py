@@ -1,0 +1,246 @@
+"""The command line: one line and the right exit code for whatever goes wrong, and a picture when nothing does."""
+
+import os
+import pathlib
+import pty
+import re
+import subprocess
+import sys
+import warnings
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxraster
+from jaxraster.cli import main
+from jaxraster.cli.aov import AOVS
+from jaxraster.errors import AssetWarning
+from jaxraster.io.image import read_image
+
+ROOT = pathlib.Path(__file__).parents[2]
+STEPS = ("loading", "planning", "compiling", "rendering", "saving")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Run in an empty folder with a few broken scenes in it."""
+    (tmp_path / "empty.gltf").write_bytes(b"")
+    (tmp_path / "cut.gltf").write_text('{"asset": {"version": "2.0"}, "meshes": [')
+    (tmp_path / "cut.glb").write_bytes(b"glTF\2\0\0\0\xff\0\0\0")
+    (tmp_path / "scene.xyz").write_text("?")
+    (tmp_path / "is_a_folder.png").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(words: str) -> int:
+    """The exit code of a command in this process."""
+    return main(words.split())
+
+
+REFUSED = [
+    # words, exit code, what the line on stderr must say
+    ("", 2, "no command given; choose one of: render"),
+    ("rendr", 2, "'rendr'"),
+    ("render a b", 2, "one argument too many: 'b'"),
+    ("render --widht 64", 2, "unknown option '--widht'; did you mean '--width'?"),
+    ("render --zzz", 2, "unknown option '--zzz'; known: --help, --debug, --output, --width"),
+    ("render --wid 64", 2, "unknown option '--wid'; did you mean '--width'?"),
+    ("render --width", 2, "--width: expected one argument"),
+    ("render --width 0", 2, "--width: expected a whole number from 1 on, got '0'"),
+    ("render --height -480", 2, "--height: expected a whole number from 1 on, got '-480'"),
+    ("render --width 64.5", 2, "--width: expected a whole number from 1 on, got '64.5'"),
+    ("render --width 16385", 5, "--width: 16385 pixels are more than the limit of 16384"),
+    ("render --width 16384 --height 16384 --supersample 2", 5, "1073741824 samples, more than the limit of 268435456"),
+    ("render --supersample 9", 2, "--supersample: expected a whole number from 1 to 8, got '9'"),
+    ("render --exposure nan", 2, "--exposure: expected a finite number, got 'nan'"),
+    ("render --exposure -1e999", 2, "--exposure: expected a finite number, got '-1e999'"),
+    ("render --light-direction 0,0,0", 2, "--light-direction: a direction needs a length above zero"),
+    ("render --light-direction -1,-2", 2, "--light-direction: expected three finite numbers x,y,z, got '-1,-2'"),
+    ("render --light-direction 1,inf,1", 2, "--light-direction: expected three finite numbers x,y,z, got '1,inf,1'"),
+    ("render --tonemap pbr_netral", 2, "--tonemap: unknown name 'pbr_netral'; did you mean 'pbr_neutral'?"),
+    ("render --tonemap ?", 2, "--tonemap: unknown name '?'; known: clip, reinhard"),
+    ("render --shading phong", 2, "--shading: unknown name 'phong'; known: standard, local"),
+    ("render --aov depth,?", 2, "--aov: unknown name '?'; known: depth, normal"),
+    ("render --camera 1", 2, "--camera: is for files; the built-in scene 'stage' has its own"),
+    ("render stage --light-direction 1,-1,1", 2, "--light-direction: is for files"),
+    ("render cornel_box", 3, "cornel_box: neither a file nor a built-in scene; did you mean 'cornell_box'?"),
+    ("render missing.gltf", 3, "missing.gltf: cannot be read: No such file or directory"),
+    ("render empty.gltf", 3, "empty.gltf: is empty"),
+    ("render cut.gltf", 3, "cut.gltf: "),
+    ("render cut.glb", 3, "cut.glb: "),
+    ("render scene.xyz", 3, "scene.xyz: "),
+    ("render is_a_folder.png", 3, "is_a_folder.png: "),
+    ("render -o is_a_folder.png", 4, "is_a_folder.png: cannot be written: it is a folder"),
+    ("render -o nowhere/x.png", 4, "nowhere/x.png: cannot be written: there is no folder"),
+    ("render -o picture", 4, "picture: no suffix"),
+    ("render -o picture.tiff", 4, "picture.tiff: unknown picture format '.tiff'"),
+    ("render -o /dev/null/x.png", 4, "/dev/null/x.png: cannot be written"),
+    ("render -o", 2, "-o/--output: expected one argument"),
+]
+
+
+@pytest.mark.parametrize(("words", "code", "says"), REFUSED, ids=[words or "nothing" for words, *_ in REFUSED])
+def test_refusals(words, code, says, capsys, folder):
+    """One line names the culprit; nothing is printed on stdout, nothing is written."""
+    before = sorted(folder.rglob("*"))
+    assert run(words) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("jaxraster: error: ") and err.count("\n") == 1 and err.endswith("\n")
+    assert says in err
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_words_that_must_parse(monkeypatch):
+    """Negative numbers are values, and names may be repeated."""
+    from jaxraster.cli import render
+
+    seen = []
+    monkeypatch.setattr(render, "run", seen.append)
+    words = "render a.glb --light-direction -1,-2,-.5 --exposure -1e-3 -o x.png --aov uv,depth,uv --camera 3"
+    assert run(words) == 0
+    (arguments,) = seen
+    assert arguments.light_direction == (-1.0, -2.0, -0.5)
+    assert (arguments.scene, arguments.exposure, arguments.output) == ("a.glb", -1e-3, "x.png")
+    assert (arguments.aov, arguments.camera) == (["uv", "depth"], 3)
+
+
+def test_help_and_version(capsys):
+    """The help names what the program knows, and costs no rendering."""
+    from jaxraster.scenes import SCENES
+
+    assert main(["render", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in SCENES)
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("jaxraster ")
+
+
+FAULTS = [
+    # what happens inside, exit code, what stderr says
+    (KeyboardInterrupt(), 130, ""),
+    (TypeError("two\nlines"), 1, "jaxraster: internal error: TypeError: two lines; please report it"),
+    (RuntimeError("RESOURCE_EXHAUSTED: Out of memory"), 5, "jaxraster: error: out of memory; choose a smaller"),
+    (MemoryError(), 5, "jaxraster: error: out of memory; choose a smaller"),
+]
+
+
+@pytest.mark.parametrize(("fault", "code", "says"), FAULTS, ids=lambda value: type(value).__name__)
+def test_faults_inside(fault, code, says, capsys, monkeypatch, folder):
+    """What goes wrong in a stage is one line too; a traceback is for --debug; an old picture stays."""
+
+    def fail(*_, **__):
+        raise fault
+
+    monkeypatch.setattr(jaxraster.scenes, "SCENES", {"stage": fail})
+    (folder / "render.png").write_bytes(b"old")
+    for words in (["render"], ["render", "--debug"]):
+        assert main(words) == code
+        err = capsys.readouterr().err
+        assert says in err
+        assert ("Traceback" in err) == (words[-1] == "--debug" and code != 130)
+        assert "Traceback" in err or err.count("\n") == (code != 130)
+    assert (folder / "render.png").read_bytes() == b"old"
+    assert [path.name for path in folder.iterdir() if path.suffix == ".tmp"] == []
+
+
+def small_frame(scene, camera, plan):
+    """Stands in for `render`: a grey picture with one broken pixel."""
+    image = jnp.full((plan.height, plan.width, 3), 0.5).at[1, 2].set(jnp.nan)
+    empty = jnp.zeros((plan.height, plan.width, 3))
+    return SimpleNamespace(image=image, surface=SimpleNamespace(mask=empty[..., 0] == 0, normal=empty))
+
+
+def test_what_is_said_and_written(capsys, monkeypatch, folder):
+    """The plan, the seconds, every file; warnings are one line each; stderr is no terminal and shows no progress."""
+
+    def warn(load=jaxraster.scenes.SCENES["cornell_box"]):
+        warnings.warn("a.glb: animations are ignored", AssetWarning, stacklevel=1)
+        warnings.warn("a.glb: two\nlines", AssetWarning, stacklevel=1)
+        return load()
+
+    monkeypatch.setattr(jaxraster.scenes, "SCENES", {"stage": warn})
+    monkeypatch.setattr(sys.modules["jaxraster.render"], "render", small_frame)
+    assert run("render --width 8 --height 4 -o new.png --aov normal --exposure -1") == 0
+
+    out, err = capsys.readouterr()
+    plan = jaxraster.planner.explain(
+        jaxraster.plan_for(*jaxraster.scenes.cornell_box(), width=8, height=4, exposure=-1.0)[1]
+    )
+    times, *wrote = out.removeprefix(plan + "\n").splitlines()
+    assert re.fullmatch(r"load \d+\.\d\d s · plan \d+\.\d\d s · compile \d+\.\d\d s · frame \d+\.\d\d\d s", times)
+    assert wrote == ["wrote new.png (8x4)", "wrote new.normal.png (0.5 + 0.5 n in world space, no curve)"]
+    assert err.splitlines() == [
+        "jaxraster: warning: a.glb: animations are ignored",
+        "jaxraster: warning: a.glb: two lines",
+        "jaxraster: warning: new.png: 1 of 32 pixels are not finite and written as black",
+    ]
+    image = read_image("new.png")[..., :3]
+    assert (image[1, 2] == 0).all() and (np.delete(image.reshape(-1, 3), 10, 0) == np.float32(128 / 255)).all()
+    assert (read_image("new.normal.png")[..., :3] == np.float32(128 / 255)).all()
+
+
+def test_a_full_disk_keeps_the_old_picture(capsys, monkeypatch, folder):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(sys.modules["jaxraster.render"], "render", small_frame)
+    monkeypatch.setattr(os, "fsync", full)
+    (folder / "render.png").write_bytes(b"old")
+    before = sorted(folder.iterdir())
+    assert run("render cornell_box --width 8 --height 4") == 4
+    assert "render.png: cannot be written: No space left on device" in capsys.readouterr().err
+    assert (folder / "render.png").read_bytes() == b"old" and sorted(folder.iterdir()) == before
+
+
+def command(words: str) -> dict:
+    """How to start the command line as a user does, from this checkout."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"}
+    return {"args": [sys.executable, "-m", "jaxraster", *words.split()], "env": environment, "timeout": 300}
+
+
+def test_a_picture_from_anywhere(folder):
+    """The module runs from any folder, draws the built-in scene and each of its buffers, and says nothing on stderr."""
+    done = subprocess.run(
+        **command("render --width 64 --height 48 --supersample 2 --aov all"), capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    wrote = [line.split(" ")[1] for line in lines if line.startswith("wrote")]
+    assert wrote == ["render.png", *(f"render.{name}.png" for name in AOVS)]
+    images = {name: read_image(name) for name in wrote}
+    assert {image.shape for image in images.values()} == {(48, 64, 4)}
+    # The built-in scene emits no light; everything else has something to show.
+    dark = [name for name, image in images.items() if image[..., :3].max() == 0]
+    assert dark == ["render.emissive.png", "render.emitted.png"]
+    assert images["render.png"][..., :3].std() > 0.1
+
+
+def test_progress_on_a_terminal_and_nobody_on_stdout(folder):
+    """A terminal on stderr sees each step and a clean line at the end; a closed pipe on stdout stops nothing."""
+    (folder / "triangle.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    ours, theirs = pty.openpty()
+    read, write = os.pipe()
+    os.close(read)
+    options = command("render triangle.obj --width 64 --height 48 -o triangle.png")
+    options.pop("timeout")
+    process = subprocess.Popen(**options, stdout=write, stderr=theirs)
+    os.close(write)
+    os.close(theirs)
+    text = b""
+    while True:
+        try:
+            chunk = os.read(ours, 4096)
+        except OSError:  # the other end is closed: the process is gone
+            break
+        if not chunk:
+            break
+        text += chunk
+    assert process.wait(timeout=300) == 0
+    steps = text.decode("ascii").split("\r\x1b[K")
+    assert [step for step in steps if step] == [f"{doing}..." for doing in STEPS]
+    assert steps[-1] == ""
+    assert read_image("triangle.png").shape == (48, 64, 4)
