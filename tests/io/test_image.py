@@ -178,7 +178,9 @@ def test_broken_images(tmp_path, name):
 
 @pytest.mark.parametrize("side", [10_000, 60_000])
 def test_decompression_bombs(side):
-    with pytest.raises(LimitError, match=rf"^bomb: is too large: .*{side * side} pixels.*limit of \d+ pixels.*; scale it down$"):
+    with pytest.raises(
+        LimitError, match=rf"^bomb: is too large: .*{side * side} pixels.*limit of \d+ pixels.*; scale it down$"
+    ):
         read_image(claiming(side, side), name="bomb")
 
 

@@ -1,0 +1,83 @@
+"""glTF's punctual lights and cameras under their nodes' transforms.
+
+Both look along their node's -Z; scale changes neither a light's strength and range nor a camera's picture.
+Source: Khronos Group, "KHR_lights_punctual"; "glTF 2.0 Specification", 2021, section 3.10.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ..math.transform import perspective
+from ..scene import Camera, Lights
+from .asset import LARGEST, floats, stack_lights
+from .gltf_node import Matrix
+from .pointer import Json, Notes, fail, member, note, number, numbers, reference, rows, table
+
+PUNCTUAL = "KHR_lights_punctual"
+
+
+def _unit(node: Json, axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    length = np.linalg.norm(axis)
+    if length == 0:
+        fail(node, "its world transform leaves no direction to look in; re-export the scene")
+    return axis / length
+
+
+def read_lights(root: Json, placed: list[tuple[Json, Matrix]]) -> Lights | None:
+    """The lights of a scene, in the order of its nodes; None if there are none."""
+    kinds = rows(table(root, "extensions", PUNCTUAL), "lights")
+    found = {"directional": [], "point": [], "spot": []}
+    for node, matrix in placed:
+        light = reference(table(node, "extensions", PUNCTUAL), "light", kinds)
+        if light is None:
+            continue
+        kind = member(light, "type", str)
+        if kind.value not in found:
+            fail(kind, f"is {kind.value[:20]!r}, not one of {', '.join(found)}")
+        strength = number(light, "intensity", 1.0, 0.0, LARGEST)
+        color = tuple(strength * x for x in numbers(light, "color", (1.0, 1.0, 1.0), 0.0, LARGEST))
+        reach = number(light, "range", math.inf, 0.0)
+        position = tuple(matrix[:3, 3])
+        if kind.value == "point":
+            found["point"].append((position, color, reach))
+            continue
+        direction = tuple(_unit(node, -matrix[:3, 2]))
+        if kind.value == "directional":
+            found["directional"].append((direction, color))
+            continue
+        cone = table(light, "spot")
+        outer = number(cone, "outerConeAngle", math.pi / 4, 0.0, math.pi / 2)
+        inner = number(cone, "innerConeAngle", 0.0, 0.0, outer)
+        found["spot"].append((position, direction, color, reach, inner, outer))
+    return stack_lights(**found) if any(found.values()) else None
+
+
+def _rigid(node: Json, matrix: Matrix) -> Matrix:
+    """The pose nearest to an affine one: its line of sight and position, upright as far as that allows, unmirrored."""
+    back = _unit(node, matrix[:3, 2])
+    right = _unit(node, np.cross(matrix[:3, 1], back))
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, np.cross(back, right), back, matrix[:3, 3]], axis=1)
+    return pose
+
+
+def read_cameras(root: Json, placed: list[tuple[Json, Matrix]], notes: Notes) -> tuple[Camera, ...]:
+    """The perspective cameras of a scene, in the order of its nodes; their aspect ratio is left to the picture."""
+    kinds, cameras = rows(root, "cameras"), []
+    for node, matrix in placed:
+        camera = reference(node, "camera", kinds)
+        if camera is None:
+            continue
+        if member(camera, "type", str).value != "perspective":
+            note(notes, "cameras that are not perspective are left out", camera.where)
+            continue
+        lens = table(camera, "perspective")
+        fov, near = number(lens, "yfov"), number(lens, "znear")
+        far = number(lens, "zfar", math.inf)
+        if not (0 < fov < math.pi and 0 < near < far):
+            fail(lens, f"needs 0 < yfov < π and 0 < znear < zfar, has {fov:g}, {near:g} and {far:g}")
+        pose = floats(_rigid(node, matrix), 4, 4)
+        cameras.append(Camera(world_from_view=pose, clip_from_view=perspective(fov, near, far)))
+    return tuple(cameras)

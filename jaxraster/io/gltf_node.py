@@ -1,0 +1,82 @@
+"""glTF's node hierarchy: where everything stands in the world.
+
+Source: Khronos Group, "glTF 2.0 Specification", 2021, section 3.5.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from .asset import LARGEST
+from .pointer import Json, fail, indices, numbers, reference, rows
+
+Matrix = Float[np.ndarray, "4 4"]
+
+
+def local_matrix(node: Json) -> Matrix:
+    """A node's own transform: its column-major `matrix`, or translation · rotation · scale."""
+    if "matrix" in node.value:
+        matrix = np.array(numbers(node, "matrix", tuple(np.eye(4).ravel()))).reshape(4, 4).T
+        if not np.array_equal(matrix[3], [0, 0, 0, 1]):
+            fail(node, f"its matrix ends in the row {matrix[3].tolist()}, not in 0, 0, 0, 1; re-export the scene")
+        return matrix
+    x, y, z, w = numbers(node, "rotation", (0.0, 0.0, 0.0, 1.0))
+    norm = math.hypot(x, y, z, w)
+    if norm == 0:
+        fail(node, "its rotation is the zero quaternion; re-export the scene")
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array(rotation) * numbers(node, "scale", (1.0, 1.0, 1.0))
+    matrix[:3, 3] = numbers(node, "translation", (0.0, 0.0, 0.0))
+    return matrix
+
+
+def _parents(nodes: list[Json]) -> dict[int, int]:
+    parents = {}
+    for i, node in enumerate(nodes):
+        for child in indices(node, "children", len(nodes)):
+            if child in parents:
+                fail(node, f"node {child} is a child of both {parents[child]} and {i}; re-export the scene")
+            parents[child] = i
+    # Walk up from every node, and stop at one that an earlier walk has shown to hang from a root.
+    safe = set()
+    for start in range(len(nodes)):
+        trail, node = {}, start
+        while node in parents and node not in safe and node not in trail:
+            trail[node] = None
+            node = parents[node]
+        if node in trail:
+            cycle = [*list(trail)[list(trail).index(node) :], node]
+            loop = " → ".join(map(str, cycle[::-1]))
+            fail(nodes[node], f"is its own ancestor: {loop}; re-export the scene")
+        safe.update(trail)
+    return parents
+
+
+def place_nodes(root: Json) -> list[tuple[Json, Matrix]]:
+    """Every node of the file's scene with its world transform (float64), in the order of the file."""
+    nodes, scenes = rows(root, "nodes"), rows(root, "scenes")
+    parents = _parents(nodes)
+    scene = reference(root, "scene", scenes) or (scenes[0] if scenes else None)
+    roots = indices(scene, "nodes", len(nodes)) if scene else [i for i in range(len(nodes)) if i not in parents]
+    for i in roots:
+        if i in parents:
+            fail(scene, f"its root node {i} is a child of node {parents[i]}; re-export the scene")
+    children = {}
+    for child, parent in parents.items():
+        children.setdefault(parent, []).append(child)
+
+    world, waiting = {}, [(i, np.eye(4)) for i in roots]
+    while waiting:
+        i, above = waiting.pop()
+        world[i] = above @ local_matrix(nodes[i])
+        if (largest := np.abs(world[i]).max()) > LARGEST:
+            fail(nodes[i], f"its world transform holds {largest:.3g}; at most {LARGEST:g} is drawn")
+        waiting.extend((child, world[i]) for child in children.get(i, ()))
+    return [(nodes[i], world[i]) for i in sorted(world)]
