@@ -116,8 +116,10 @@ def box(size: tuple[float, float, float] = (1.0, 1.0, 1.0), radius: float = 0.0,
         tangents = right - outwards * (outwards @ right)[..., None]
         tangents = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
         u, v = (s - s[0]) / (s[-1] - s[0]), (t[0] - t) / (t[0] - t[-1])
-        parts.append(_mesh(*_grid(inner + radius * outwards, outwards, tangents, u, v)))
-    return merge(parts)
+        parts.append(_grid(inner + radius * outwards, outwards, tangents, u, v))
+    *columns, faces = zip(*parts)
+    offsets = np.cumsum([0, *(len(part[0]) for part in parts[:-1])])
+    return _mesh(*map(np.concatenate, columns), np.concatenate([f + o for f, o in zip(faces, offsets)]))
 
 
 def _ticks(half: float, radius: float, offsets: np.ndarray) -> np.ndarray:
