@@ -73,9 +73,9 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
     high = jnp.max(jnp.where(finite, vertices, -jnp.inf), axis=0)
     extent = jnp.maximum(high - low, safe.TINY)
     texel = extent[:2] / (size - 2 * MARGIN)
-    # Leave a texel's depth at the far end, because depth 0 means nothing there.
-    depth_range = extent[2] + jnp.max(texel)
-    depth_low = high[2] - depth_range
+    # Leave a texel's depth at both ends: depth 0 means nothing, and rounding must push no vertex past the near plane.
+    depth_range = extent[2] + 2.0 * jnp.max(texel)
+    depth_low = low[2] - jnp.max(texel)
 
     def to_map(points):
         column, line, height = (points[..., i] for i in range(3))

@@ -8,6 +8,7 @@ Source: glTF 2.0 specification, appendix B.
 """
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..buffers import Surface
@@ -36,22 +37,26 @@ def material(fragment: Fragment, materials: Materials, textures: Textures, slots
     def factor(name):
         return getattr(materials, name).at[fragment.material].get(mode="promise_in_bounds")
 
-    def fetch(slot):
-        return texture(textures, factor(f"{slot}_texture"), fragment.uv, fragment.footprint)
+    # Map over the slots, so that the lookup is compiled once and its indices are computed once.
+    fetched = {}
+    if slots:
+        indices = jnp.stack([factor(f"{slot}_texture") for slot in slots])
+        values = lax.map(lambda index: texture(textures, index, fragment.uv, fragment.footprint), indices)
+        fetched = dict(zip(slots, values))
 
     base, metallic, roughness = factor("base_color")[..., :3], factor("metallic"), factor("roughness")
     emissive, occlusion, normal = factor("emissive"), jnp.ones_like(metallic), fragment.normal
     if "base_color" in slots:
-        base = base * fetch("base_color")[..., :3]
+        base = base * fetched["base_color"][..., :3]
     if "metallic_roughness" in slots:
-        texel = fetch("metallic_roughness")
+        texel = fetched["metallic_roughness"]
         metallic, roughness = metallic * texel[..., 2], roughness * texel[..., 1]
     if "emissive" in slots:
-        emissive = emissive * fetch("emissive")[..., :3]
+        emissive = emissive * fetched["emissive"][..., :3]
     if "occlusion" in slots:
-        occlusion = 1.0 + factor("occlusion_strength") * (fetch("occlusion")[..., 0] - 1.0)
+        occlusion = 1.0 + factor("occlusion_strength") * (fetched["occlusion"][..., 0] - 1.0)
     if "normal" in slots:
-        mapped = normal_map(fetch("normal")[..., :3], factor("normal_scale"), normal, fragment.tangent)
+        mapped = normal_map(fetched["normal"][..., :3], factor("normal_scale"), normal, fragment.tangent)
         normal = jnp.where((factor("normal_texture") >= 0)[..., None], mapped, normal)
 
     diffuse_color, f0, alpha = metallic_roughness(base, metallic, roughness)

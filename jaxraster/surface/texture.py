@@ -37,12 +37,18 @@ def _bilinear(texels, level, u, v, wrap):
     offset, width, height = level[..., 0], level[..., 1], level[..., 2]
     x, y = u * width.astype(u.dtype) - 0.5, v * height.astype(v.dtype) - 0.5
     left, top = (lax.stop_gradient(jnp.floor(c)) for c in (x, y))
-    right_weight, low_weight = (x - left)[..., None], (y - top)[..., None]
-    columns = [_texel(left.astype(jnp.int32) + i, width, wrap[..., 0]) for i in (0, 1)]
-    lines = [_texel(top.astype(jnp.int32) + i, height, wrap[..., 1]) for i in (0, 1)]
-    square = [[fetch(texels, offset + y * width + x) for x in columns] for y in lines]
-    above, below = (a + right_weight * (b - a) for a, b in square)
-    return above + low_weight * (below - above)
+    x_weight, y_weight = x - left, y - top
+    left, top = left.astype(jnp.int32), top.astype(jnp.int32)
+
+    def add_texel(total, corner):
+        right, low = corner
+        column, line = _texel(left + right, width, wrap[..., 0]), _texel(top + low, height, wrap[..., 1])
+        weight = jnp.where(right > 0, x_weight, 1.0 - x_weight) * jnp.where(low > 0, y_weight, 1.0 - y_weight)
+        return total + weight[..., None] * fetch(texels, offset + line * width + column), None
+
+    # Loop over the corners: unrolled, XLA would repeat everything above for each of them.
+    corners = (jnp.array([0, 1, 0, 1], jnp.int32), jnp.array([0, 0, 1, 1], jnp.int32))
+    return lax.scan(add_texel, jnp.zeros((*u.shape, 4), texels.dtype), corners)[0]
 
 
 def texture(
@@ -68,10 +74,13 @@ def texture(
     deepest = textures.levels.shape[1] - 1
     lod = jnp.clip(0.5 * jnp.log2(jnp.maximum(square, 1.0)), 0.0, float(deepest))
     finer = jnp.floor(lax.stop_gradient(lod)).astype(jnp.int32)
-    coarser = jnp.minimum(finer + 1, deepest)
 
-    table = textures.levels.reshape(-1, 3)
-    rows = [fetch(table, index * textures.levels.shape[1] + level) for level in (finer, coarser)]
-    fine, coarse = (_bilinear(textures.texels, row, u, v, wrap) for row in rows)
-    value = fine + (lod - finer.astype(lod.dtype))[..., None] * (coarse - fine)
+    table, blend = textures.levels.reshape(-1, 3), lod - finer.astype(lod.dtype)
+
+    def add_level(total, second):
+        row = fetch(table, index * textures.levels.shape[1] + jnp.minimum(finer + second, deepest))
+        weight = jnp.where(second > 0, blend, 1.0 - blend)
+        return total + weight[..., None] * _bilinear(textures.texels, row, u, v, wrap), None
+
+    value = lax.scan(add_level, jnp.zeros((*u.shape, 4), uv.dtype), jnp.arange(2, dtype=jnp.int32))[0]
     return jnp.where(present[..., None], value, 1.0)

@@ -27,6 +27,8 @@ from .fixed_point import GUARD, SUBPIXELS, edge, pixels_inside, sign, snap, to_f
 TILE = 4  # pixels; small triangles dominate, and a larger tile mostly draws what they do not cover
 PAIRS = 4096  # (triangle, tile) pairs a step of the loop
 FAN = CORNERS - 2  # triangles of a clipped polygon
+GROUP = 2**16  # triangles whose pairs are counted together; each group costs some milliseconds of its own
+POLYGONS = 2**10  # faces clipped together; few scenes have more that cross a plane
 _LAST = 2**31 - 1
 
 
@@ -49,7 +51,7 @@ def _setup(x, y, depth, drawable, sides, height, width):
     # Screen y points down, so that a counter-clockwise front face has negative area.
     drawable = drawable & (winding != 0) & (winding * sides <= 0)
 
-    # Count the tiles under the box of the pixel centres that the triangle can reach.
+    # Count the tiles over the box of the pixel centres that the triangle can reach, from its own corner on.
     def centres(low, high, size):
         first = -((-low - (size - 1) * (SUBPIXELS // 2)) // SUBPIXELS)
         last = (high + (size - 1) * (SUBPIXELS // 2)) // SUBPIXELS
@@ -58,9 +60,8 @@ def _setup(x, y, depth, drawable, sides, height, width):
     left, right = centres(jnp.min(x, axis=1), jnp.max(x, axis=1), width)
     top, bottom = centres(jnp.min(y, axis=1), jnp.max(y, axis=1), height)
     drawable = drawable & (left <= right) & (top <= bottom)
-    tile_x, tile_y = left // TILE, top // TILE
-    across = right // TILE - tile_x + 1
-    tiles = jnp.where(drawable, across * (bottom // TILE - tile_y + 1), 0)
+    across = (right - left) // TILE + 1
+    tiles = jnp.where(drawable, across * ((bottom - top) // TILE + 1), 0)
 
     # Orient all triangles the same way by swapping the last two corners.
     flipped = winding < 0
@@ -74,7 +75,7 @@ def _setup(x, y, depth, drawable, sides, height, width):
     floats = [d0 * inverse_area, d1 * inverse_area, d2 * inverse_area, jnp.min(depth, axis=1), jnp.max(depth, axis=1)]
     bits = [lax.bitcast_convert_type(v.astype(jnp.float32), jnp.int32) for v in floats]
     zero = jnp.zeros_like(x0)
-    rows = jnp.stack([x0, y0, x1, y1, x2, y2, tile_x, tile_y, jnp.maximum(across, 1), *bits, zero, zero], axis=-1)
+    rows = jnp.stack([x0, y0, x1, y1, x2, y2, left, top, jnp.maximum(across, 1), *bits, zero, zero], axis=-1)
     return rows, tiles, winding
 
 
@@ -86,47 +87,51 @@ def _draw(buffer, rows, tiles, ids, finding_ids, height, width):
     num_pixels = height * width
     ends = jnp.cumsum(tiles)
     total = ends[-1]
-    lane = jnp.arange(PAIRS, dtype=jnp.int32)[None, :]
-    step_x = (jnp.arange(TILE * TILE, dtype=jnp.int32) % TILE)[:, None]
-    step_y = (jnp.arange(TILE * TILE, dtype=jnp.int32) // TILE)[:, None]
+    lane = jnp.arange(PAIRS, dtype=jnp.int32)
 
     def chunk(state):
         start, buffer = state
         # Find each pair's triangle and tile.
         pair = start + lane
         triangle = jnp.minimum(jnp.searchsorted(ends, pair, side="right").astype(jnp.int32), tiles.shape[0] - 1)
-        row = jnp.moveaxis(fetch(rows, triangle), -1, 0)
-        x0, y0, x1, y1, x2, y2, tile_x, tile_y, across = row[:9]
+        row = fetch(rows, triangle).T
+        x0, y0, x1, y1, x2, y2, left, top, across = row[:9]
         q0, q1, q2, lowest, highest = lax.bitcast_convert_type(row[9:14], jnp.float32)
         within = pair - fetch(ends - tiles, triangle)
-        column = (tile_x + within % across) * TILE
-        line = (tile_y + within // across) * TILE
+        column = left + within % across * TILE
+        line = top + within // across * TILE
 
-        # Evaluate the edges exactly at the tile's first pixel, and step from there.
+        # Evaluate the edges exactly at the tile's first pixel.
         px = column * SUBPIXELS - (width - 1) * (SUBPIXELS // 2)
         py = line * SUBPIXELS - (height - 1) * (SUBPIXELS // 2)
-        inside, depth, slope_x, slope_y = None, 0.0, 0.0, 0.0
+        steps, depth, slope_x, slope_y = [], 0.0, 0.0, 0.0
         for ax, ay, bx, by, q in ((x1, y1, x2, y2, q0), (x2, y2, x0, y0, q1), (x0, y0, x1, y1, q2)):
             limbs, dx, dy = edge(ax, ay, bx, by, px, py), bx - ax, by - ay
-            covered = pixels_inside(limbs, dx, dy) - dy * step_x + dx * step_y >= 0
-            inside = covered if inside is None else inside & covered
+            steps.append((pixels_inside(limbs, dx, dy), dx, dy))
             depth += to_float(limbs) * q
             slope_x -= dy.astype(jnp.float32) * (SUBPIXELS * q)
             slope_y += dx.astype(jnp.float32) * (SUBPIXELS * q)
-        depth = depth + slope_x * step_x.astype(jnp.float32) + slope_y * step_y.astype(jnp.float32)
-        # Clamp to the corners' depths: exact for triangles parallel to the screen, and slivers cannot overshoot.
-        depth = jnp.minimum(jnp.maximum(depth, lowest), highest)
+        exists, id = pair < total, fetch(ids, triangle)
 
-        # Keep the nearest depth, or the lowest id that has it.
-        x, y = column + step_x, line + step_y
-        pixel = jnp.where((x < width) & (y < height), y * width + x, 2 * num_pixels)
-        bits = lax.bitcast_convert_type(depth, jnp.int32)
-        inside = inside & (pair < total) & (depth > 0)
-        nearest = fetch(buffer, pixel)
-        inside = inside & jnp.where(finding_ids, bits == nearest, True)
-        value = jnp.where(inside, jnp.where(finding_ids, _LAST - fetch(ids, triangle), bits), 0)
-        target = jnp.where(inside, pixel + jnp.where(finding_ids, num_pixels, 0), 2 * num_pixels)
-        return start + PAIRS, buffer.at[target].max(value, mode="promise_in_bounds")
+        # Visit the tiles' pixels one after the other; a loop of its own, or XLA repeats the above for each of them.
+        def draw_pixel(step, buffer):
+            i, j = step % TILE, step // TILE
+            x, y = column + i, line + j
+            inside = exists & (x < width) & (y < height)
+            for first, dx, dy in steps:
+                inside = inside & (first - dy * i + dx * j >= 0)
+            # Clamp to the corners' depths: exact for triangles parallel to the screen, and slivers cannot overshoot.
+            here = depth + slope_x * i.astype(jnp.float32) + slope_y * j.astype(jnp.float32)
+            here = jnp.minimum(jnp.maximum(here, lowest), highest)
+            inside = inside & (here > 0)
+            bits = lax.bitcast_convert_type(here, jnp.int32)
+            # Keep the nearest depth, or the lowest id that has it.
+            pixel = jnp.where(inside, y * width + x, 2 * num_pixels)
+            value = jnp.where(finding_ids, jnp.where(bits == fetch(buffer, pixel), _LAST - id, 0), bits)
+            target = jnp.where(finding_ids & inside, pixel + num_pixels, pixel)
+            return buffer.at[target].max(value, mode="promise_in_bounds")
+
+        return start + PAIRS, lax.fori_loop(0, TILE * TILE, draw_pixel, buffer)
 
     return lax.while_loop(lambda state: state[0] < total, chunk, (jnp.int32(0), buffer))[1]
 
@@ -147,8 +152,8 @@ def _triangle_ids(clip, faces, sides, *, height, width):
 
     # Draw in groups small enough for their tiles to be counted in 31 bits; clipped faces follow the whole ones.
     num_tiles = math.ceil(height / TILE) * math.ceil(width / TILE)
-    polygons = max(1, min(1024, math.ceil(num_faces / FAN), 2**30 // (FAN * num_tiles)))
-    group = polygons * FAN
+    group = max(FAN, min(GROUP, num_faces, 2**30 // num_tiles))
+    polygons = min(POLYGONS, group // FAN)
     whole_groups = math.ceil(num_faces / group)
     padding = (0, whole_groups * group - num_faces)
     rows, tiles = jnp.pad(rows, (padding, (0, 0)), constant_values=1), jnp.pad(tiles, padding)
@@ -172,9 +177,11 @@ def _triangle_ids(clip, faces, sides, *, height, width):
         index = jnp.stack([jnp.zeros_like(fan), fan + 1, fan + 2], axis=-1)
         drawable = (fan[None, :] + 2 < corners[:, None]) & jnp.all(polygon[:, index, 3] > 0, axis=-1)
         positive = jnp.where(polygon[..., 3:] > 0, polygon, 1.0)
-        x, y, depth = (v[:, index].reshape(group, 3) for v in _screen(positive, height, width))
+        x, y, depth = (v[:, index].reshape(-1, 3) for v in _screen(positive, height, width))
         ids = jnp.repeat(ids, FAN)
-        return *_setup(x, y, depth, drawable.reshape(group), sides[ids], height, width)[:2], ids
+        rows, tiles, _ = _setup(x, y, depth, drawable.reshape(-1), sides[ids], height, width)
+        unused = (0, group - polygons * FAN)
+        return jnp.pad(rows, (unused, (0, 0)), constant_values=1), jnp.pad(tiles, unused), jnp.pad(ids, unused)
 
     def draw_group(state):
         step, buffer = state
