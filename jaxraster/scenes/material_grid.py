@@ -28,4 +28,6 @@ def material_grid(columns: int = 7, rows: int = 5) -> tuple[Scene, Camera]:
         lights=lamps,
         environment=environment((0.62, 0.63, 0.65), (0.24, 0.22, 0.20)),
     )
-    return scene, camera((0.0, 0.0, 2.6 * rows), (0.0, 0.0, 0.0), 24.0)
+    # Step back until rows and columns fit into a picture of 4:3.
+    half_height = 0.5 * max(rows, 0.75 * columns) + 0.2
+    return scene, camera((0.0, 0.0, half_height / np.tan(np.radians(12.0))), (0.0, 0.0, 0.0), 24.0)

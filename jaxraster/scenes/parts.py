@@ -88,9 +88,9 @@ def at(mesh: Mesh, x: float, y: float, z: float, material: int | None, *, yaw=0.
     )
 
 
-def tiled(mesh: Mesh, times: float) -> Mesh:
-    """The mesh with its image repeated `times` over u and v."""
-    return replace(mesh, uvs=jnp.asarray(np.asarray(mesh.uvs) * np.float32(times)))
+def tiled(mesh: Mesh, u: float, v: float) -> Mesh:
+    """The mesh with its image repeated so often along either axis."""
+    return replace(mesh, uvs=jnp.asarray(np.asarray(mesh.uvs) * np.float32([[u, v]])))
 
 
 def camera(eye: Sequence[float], target: Sequence[float], fov_y: float) -> Camera:

@@ -17,7 +17,7 @@ def _chair(wood: int, fabric: int) -> Mesh:
     )
     parts = [at(leg, x * 0.205, 0.0, z * 0.195, wood, roll=x * 6.0, pitch=-z * 6.0) for x in (-1, 1) for z in (-1, 1)]
     parts.append(at(shapes.box((0.46, 0.035, 0.44), 0.014), 0.0, 0.435, 0.0, wood))
-    parts.append(at(tiled(shapes.box((0.43, 0.055, 0.41), 0.025), 3.0), 0.0, 0.475, 0.005, fabric))
+    parts.append(at(tiled(shapes.box((0.43, 0.055, 0.41), 0.025), 2.0, 2.0), 0.0, 0.475, 0.005, fabric))
     for x in (-0.18, 0.18):
         parts.append(at(shapes.box((0.034, 0.46, 0.026), 0.010), x, 0.655, -0.235, wood, pitch=-9.0))
     parts.append(at(shapes.box((0.46, 0.19, 0.024), 0.011), 0.0, 0.775, -0.236, wood, pitch=-9.0))
@@ -41,11 +41,11 @@ def stage() -> tuple[Scene, Camera]:
     )
     mesh = shapes.merge(
         [
-            at(tiled(shapes.plane(4.8, 4.8), 4.0), 1.4, 0.0, 1.65, floor, yaw=90.0),
-            at(shapes.box((0.1, 2.6, 4.8)), -1.05, 1.3, 1.65, red),
-            at(shapes.box((4.8, 2.6, 0.1)), 1.4, 1.3, -0.80, white),
-            at(shapes.box((4.8, 0.09, 0.02)), 1.4, 0.045, -0.74, white),
-            at(shapes.box((0.02, 0.09, 4.8)), -0.99, 0.045, 1.65, white),
+            at(tiled(shapes.plane(2.4, 3.6), 2.0, 3.0), 0.7, 0.0, 0.4, floor, yaw=90.0),
+            at(shapes.box((0.1, 1.8, 2.4)), -1.05, 0.9, 0.4, red),
+            at(shapes.box((3.6, 1.8, 0.1)), 0.7, 0.9, -0.80, white),
+            at(shapes.box((3.5, 0.09, 0.02)), 0.75, 0.045, -0.74, white),
+            at(shapes.box((0.02, 0.09, 2.35)), -0.99, 0.045, 0.425, white),
             at(_chair(wood, fabric), 0.0, 0.0, 0.0, None, yaw=-15.0),
             at(shapes.uv_sphere(0.17, 64, 32), 0.52, 0.17, 0.30, gold),
             at(shapes.uv_sphere(0.10, 64, 32), -0.36, 0.10, 0.52, plastic),
