@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from ..errors import InputError, LimitError, UsageError
 from .arguments import choose, direction, finite, guess, names, whole
-from .terminal import complain, progress, say
+from .terminal import complain, interruptible, progress, say
 
 MAX_SIDE = 16384
 MAX_SAMPLES = 2**28  # of the whole picture: 256 Mi, of which every buffer of one float takes 1 GiB
@@ -106,7 +106,8 @@ def _step(seconds: dict[str, float], name: str, doing: str) -> Iterator[None]:
     """Show a step while it lasts and note its seconds."""
     progress(f"{doing}...")
     start = time.perf_counter()
-    yield
+    with interruptible():
+        yield
     seconds[name] = time.perf_counter() - start
 
 

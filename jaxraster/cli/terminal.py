@@ -1,7 +1,11 @@
-"""What the user reads: results on stdout, warnings and progress on stderr. Nothing here ever stops a rendering."""
+"""Between program and user: results on stdout, warnings and progress on stderr, Ctrl-C. Output stops no rendering."""
 
+import contextlib
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
 
 _CLEAR_LINE = "\r\x1b[K"  # back to the first column, erase to the end of the line
 
@@ -38,3 +42,20 @@ def complain(kind: str, message: object) -> None:
     """`jaxraster: kind: message` on stderr, always one line."""
     progress()
     _write(sys.stderr, f"jaxraster: {kind}: {' '.join(str(message).split())}\n")
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C end the process at once, as the shell expects, where there is nothing to clean up.
+
+    Python's own way is to finish the compiler's call first, which takes seconds, and JAX may then crash at exit.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    if ours:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)

@@ -4,9 +4,9 @@ import os
 import pathlib
 import pty
 import re
+import signal
 import subprocess
 import sys
-import warnings
 from types import SimpleNamespace
 
 import jax.numpy as jnp
@@ -25,11 +25,12 @@ STEPS = ("loading", "planning", "compiling", "rendering", "saving")
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Run in an empty folder with a few broken scenes in it."""
+    """Run in a folder with a few broken scenes, and one that is almost whole."""
     (tmp_path / "empty.gltf").write_bytes(b"")
     (tmp_path / "cut.gltf").write_text('{"asset": {"version": "2.0"}, "meshes": [')
     (tmp_path / "cut.glb").write_bytes(b"glTF\2\0\0\0\xff\0\0\0")
     (tmp_path / "scene.xyz").write_text("?")
+    (tmp_path / "triangle.obj").write_text("mtllib gone.mtl\nv -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "is_a_folder.png").mkdir()
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -108,6 +109,17 @@ def test_words_that_must_parse(monkeypatch):
     assert (arguments.aov, arguments.camera) == (["uv", "depth"], 3)
 
 
+def test_the_readmes_commands(monkeypatch, capsys):
+    """Every command that the README shows passes the checks that come before loading."""
+    from jaxraster.cli import render
+
+    monkeypatch.setattr(render, "run", render._check)
+    lines = [line.split("#")[0] for line in (ROOT / "README.md").read_text().splitlines()]
+    commands = [line.removeprefix("jaxraster ") for line in lines if line.startswith("jaxraster ")]
+    assert len(commands) >= 5
+    assert [(words, capsys.readouterr().err) for words in commands if run(words) != 0] == []
+
+
 def test_help_and_version(capsys):
     """The help names what the program knows, and costs no rendering."""
     from jaxraster.scenes import SCENES
@@ -157,25 +169,18 @@ def small_frame(scene, camera, plan):
 def test_what_is_said_and_written(capsys, monkeypatch, folder):
     """The plan, the seconds, every file; warnings are one line each; stderr is no terminal and shows no progress."""
 
-    def warn(load=jaxraster.scenes.SCENES["cornell_box"]):
-        warnings.warn("a.glb: animations are ignored", AssetWarning, stacklevel=1)
-        warnings.warn("a.glb: two\nlines", AssetWarning, stacklevel=1)
-        return load()
-
-    monkeypatch.setattr(jaxraster.scenes, "SCENES", {"stage": warn})
     monkeypatch.setattr(sys.modules["jaxraster.render"], "render", small_frame)
-    assert run("render --width 8 --height 4 -o new.png --aov normal --exposure -1") == 0
+    assert run("render triangle.obj --width 8 --height 4 -o new.png --aov normal --exposure -1") == 0
 
     out, err = capsys.readouterr()
-    plan = jaxraster.planner.explain(
-        jaxraster.plan_for(*jaxraster.scenes.cornell_box(), width=8, height=4, exposure=-1.0)[1]
-    )
+    with pytest.warns(AssetWarning):
+        scene, camera = jaxraster.load("triangle.obj")
+    plan = jaxraster.planner.explain(jaxraster.plan_for(scene, camera, width=8, height=4, exposure=-1.0)[1])
     times, *wrote = out.removeprefix(plan + "\n").splitlines()
     assert re.fullmatch(r"load \d+\.\d\d s · plan \d+\.\d\d s · compile \d+\.\d\d s · frame \d+\.\d\d\d s", times)
     assert wrote == ["wrote new.png (8x4)", "wrote new.normal.png (0.5 + 0.5 n in world space, no curve)"]
     assert err.splitlines() == [
-        "jaxraster: warning: a.glb: animations are ignored",
-        "jaxraster: warning: a.glb: two lines",
+        "jaxraster: warning: triangle.obj: material library gone.mtl is missing",
         "jaxraster: warning: new.png: 1 of 32 pixels are not finite and written as black",
     ]
     image = read_image("new.png")[..., :3]
@@ -191,7 +196,7 @@ def test_a_full_disk_keeps_the_old_picture(capsys, monkeypatch, folder):
     monkeypatch.setattr(os, "fsync", full)
     (folder / "render.png").write_bytes(b"old")
     before = sorted(folder.iterdir())
-    assert run("render cornell_box --width 8 --height 4") == 4
+    assert run("render triangle.obj --width 8 --height 4") == 4
     assert "render.png: cannot be written: No space left on device" in capsys.readouterr().err
     assert (folder / "render.png").read_bytes() == b"old" and sorted(folder.iterdir()) == before
 
@@ -219,28 +224,46 @@ def test_a_picture_from_anywhere(folder):
     assert images["render.png"][..., :3].std() > 0.1
 
 
+def start_on_a_terminal(words: str, **options) -> tuple[subprocess.Popen, int]:
+    """A command whose stderr is a terminal, and our end of that."""
+    ours, theirs = pty.openpty()
+    start = command(words)
+    start.pop("timeout")
+    process = subprocess.Popen(**start, stderr=theirs, **options)
+    os.close(theirs)
+    return process, ours
+
+
+def read_terminal(terminal: int, until: bytes | None = None) -> str:
+    """What appears on a terminal up to a word, or until the process is gone."""
+    text = b""
+    while until is None or until not in text:
+        try:
+            text += os.read(terminal, 4096)
+        except OSError:  # the other end is closed
+            break
+    return text.decode("ascii")
+
+
 def test_progress_on_a_terminal_and_nobody_on_stdout(folder):
     """A terminal on stderr sees each step and a clean line at the end; a closed pipe on stdout stops nothing."""
-    (folder / "triangle.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    ours, theirs = pty.openpty()
     read, write = os.pipe()
     os.close(read)
-    options = command("render triangle.obj --width 64 --height 48 -o triangle.png")
-    options.pop("timeout")
-    process = subprocess.Popen(**options, stdout=write, stderr=theirs)
+    process, terminal = start_on_a_terminal("render triangle.obj --width 64 --height 48 -o triangle.png", stdout=write)
     os.close(write)
-    os.close(theirs)
-    text = b""
-    while True:
-        try:
-            chunk = os.read(ours, 4096)
-        except OSError:  # the other end is closed: the process is gone
-            break
-        if not chunk:
-            break
-        text += chunk
+    steps = read_terminal(terminal).split("\r\x1b[K")
     assert process.wait(timeout=300) == 0
-    steps = text.decode("ascii").split("\r\x1b[K")
-    assert [step for step in steps if step] == [f"{doing}..." for doing in STEPS]
+    warning = "jaxraster: warning: triangle.obj: material library gone.mtl is missing\r\n"
+    assert [step for step in steps if step] == ["loading...", warning, *(f"{doing}..." for doing in STEPS[1:])]
     assert steps[-1] == ""
     assert read_image("triangle.png").shape == (48, 64, 4)
+
+
+def test_interrupted_while_compiling(folder):
+    """Ctrl-C ends it at once and without a word, by the signal itself, which a shell reports as 130."""
+    process, terminal = start_on_a_terminal("render triangle.obj", stdout=subprocess.DEVNULL)
+    read_terminal(terminal, until=b"compiling...")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=2) == -signal.SIGINT
+    assert read_terminal(terminal) == ""
+    assert not (folder / "render.png").exists()

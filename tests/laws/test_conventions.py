@@ -12,6 +12,7 @@ from jaxraster.buffers import Radiance, Visibility
 from jaxraster.display.exposure import exposure
 from jaxraster.display.tonemap import tonemap
 from jaxraster.display.transfer import srgb_encode
+from jaxraster.light.shadow_map import ShadowMap
 from jaxraster.math.transform import invert_rigid, look_at, perspective
 from jaxraster.plan import Plan
 from jaxraster.render import render
@@ -132,9 +133,11 @@ def test_light_is_linear_and_the_display_alone_knows_srgb():
 def test_geometry_asks_for_full_precision():
     """No matrix product of a rendering is left to an accelerator's default, which rounds factors to 10 bits."""
     scene, camera = stage()
-    program = str(jax.make_jaxpr(lambda s, c, p: render(s, c, p).image)(scene, camera, Plan(width=16, height=16)))
-    print([program[m.start():m.start()+300] for m in re.finditer(r"dot_general\[", program)][:5])
-    assert 0
+    plan = Plan(width=16, height=16, shadow_map=ShadowMap())
+    program = str(jax.make_jaxpr(lambda s, c, p: render(s, c, p).image)(scene, camera, plan))
+    products = program.count("dot_general[")
+    assert products > 0
+    assert program.count("precision=(Precision.HIGHEST, Precision.HIGHEST)") == products
 
 
 def test_the_page_names_a_test_for_each():
