@@ -87,7 +87,7 @@ def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | N
     if shading == "local":
         return None, Reason(False, "local shading has no visibility of lights")
     lights, shining = facts.scene.lights.directional, facts.light("directional")
-    shining = shining.reshape(-1, shining.shape[-1]).any(axis=0)
+    shining = shining.any(axis=tuple(range(shining.ndim - 1)))
     if not shining.any():
         return None, Reason(False, "no directional light shines, and other kinds cast no shadow yet")
 

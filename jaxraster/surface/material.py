@@ -12,6 +12,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..buffers import Surface
+from ..math import safe
 from ..scene import Materials, Textures
 from .gather import Fragment
 from .normal_map import normal_map
@@ -20,6 +21,8 @@ from .texture import texture
 DIELECTRIC_F0 = 0.04  # ((n - 1) / (n + 1))² of n = 1.5
 # Below this a highlight is narrower than float32's unit vectors resolve (D(0) = 8e4); Filament's floor as well.
 MIN_ROUGHNESS = 0.045
+# The cosine of the last sixteenth of a degree before grazing: below, V and the mirror direction say nothing any more.
+MIN_N_DOT_V = 1e-3
 
 
 def metallic_roughness(
@@ -59,6 +62,7 @@ def material(fragment: Fragment, materials: Materials, textures: Textures, slots
         mapped = normal_map(fetched["normal"][..., :3], factor("normal_scale"), normal, fragment.tangent)
         normal = jnp.where((factor("normal_texture") >= 0)[..., None], mapped, normal)
 
+    normal = face_viewer(normal, fragment.view)
     diffuse_color, f0, alpha = metallic_roughness(base, metallic, roughness)
     return Surface(
         mask=fragment.mask,

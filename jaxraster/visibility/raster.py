@@ -243,6 +243,9 @@ def rasterize(
         raise ValueError(f"rasterize: clip must be float [..., v, 4], got {clip.dtype.name} {list(clip.shape)}")
     if faces.ndim != 2 or faces.shape[-1] != 3 or not jnp.issubdtype(faces.dtype, jnp.integer):
         raise ValueError(f"rasterize: faces must be int [f, 3], got {faces.dtype.name} {list(faces.shape)}")
+    for name, size in (("height", height), ("width", width)):
+        if type(size) is not int or size < 1:
+            raise ValueError(f"rasterize: {name} must be a whole number of at least 1, got {size!r} (close over it)")
     if clip.ndim > 2:
         per_picture = functools.partial(rasterize, height=height, width=width, cull=cull)
         return jax.vmap(per_picture, in_axes=(0, None))(clip, faces)
