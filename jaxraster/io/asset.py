@@ -1,5 +1,6 @@
 """What every reader of files returns, and how its parts are put together."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -103,7 +104,7 @@ def stack_materials(rows: list[dict]) -> Materials:
     return Materials(**columns)
 
 
-def stack_lights(directional: list[tuple] = (), point: list[tuple] = (), spot: list[tuple] = ()) -> Lights:
+def stack_lights(directional: Sequence[tuple] = (), point: Sequence[tuple] = (), spot: Sequence[tuple] = ()) -> Lights:
     """`Lights` of one tuple a light, its fields in the order of `Directional`, `Point` and `Spot`."""
 
     def columns(rows, *widths):

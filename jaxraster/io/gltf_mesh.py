@@ -61,8 +61,8 @@ def read_primitive(document: Document, primitive: Json, default_material: int, n
 
     position = reference(attributes, "POSITION", document.accessors) or fail(attributes, "POSITION is missing")
     count = integer(position, "count", low=1)
-    vertices, normals = attribute("POSITION", 3), attribute("NORMAL", 3)
-    tangents, uvs = attribute("TANGENT", 4), attribute("TEXCOORD_0", 2)
+    vertices = read_floats(document, position, 3)
+    normals, tangents, uvs = attribute("NORMAL", 3), attribute("TANGENT", 4), attribute("TEXCOORD_0", 2)
     faces = _read_faces(document, primitive, count)
     uvs = np.zeros((count, 2), np.float32) if uvs is None else uvs
     tangents = np.zeros((count, 4), np.float32) if tangents is None else tangents

@@ -67,7 +67,7 @@ def place_nodes(root: Json) -> list[tuple[Json, Matrix]]:
     roots = indices(scene, "nodes", len(nodes)) if scene else [i for i in range(len(nodes)) if i not in parents]
     for i in roots:
         if i in parents:
-            fail(scene, f"its root node {i} is a child of node {parents[i]}; re-export the scene")
+            fail(scene or root, f"its root node {i} is a child of node {parents[i]}; re-export the scene")
     children = {}
     for child, parent in parents.items():
         children.setdefault(parent, []).append(child)

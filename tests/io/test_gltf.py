@@ -137,6 +137,7 @@ def test_faces_without_normals_are_flat(tmp_path):
     tangents = mesh["tangents"][:, :3]
     np.testing.assert_allclose(np.sum(tangents * mesh["normals"], axis=1), 0, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(tangents, axis=1), 1, atol=1e-6)
+    np.testing.assert_array_equal(mesh["tangents"][:, 3], 1)
 
 
 def test_zero_normals_are_mended(tmp_path):
