@@ -1,10 +1,7 @@
 """8-bit and 16-bit pictures: PNG and JPEG in, PNG and JPEG out."""
 
-import io
 import os
-import struct
 import warnings
-import zlib
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,26 +14,29 @@ from .disk import Path, check_file, read_file, write_file
 def read_image(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h w 4"]:
     """RGBA in [0, 1] of a PNG or JPEG, still encoded as in the file: grey is repeated, absent alpha is 1.
 
-    Grey keeps its 16 bits; of 16-bit colour Pillow hands on the upper 8. Profiles and orientation tags are ignored, as
-    glTF demands. `name` is what errors call a picture given as bytes.
+    Grey keeps its 16 bits; 16-bit colour comes with its upper 8. Profiles and orientation tags are ignored, as glTF
+    demands. `name` is what errors call a picture given as bytes.
     """
-    from PIL import Image
+    import imageio.v3 as iio
 
     data, name = (source, name) if isinstance(source, bytes) else (read_file(source), name or os.fspath(source))
+    if not data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")):
+        raise InputError(name, "", "is not a PNG or JPEG; export the picture again")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as picture:
-                if picture.mode.startswith("I"):
-                    grey = np.asarray(picture, np.float32)[..., None] / np.float32(65535)
-                    return np.concatenate([grey, grey, grey, np.ones_like(grey)], axis=-1)
-                return np.asarray(picture.convert("RGBA"), np.float32) / np.float32(255)
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise LimitError(name, "", f"is too large: {str(error).rstrip('.')}; scale it down") from error
-    # Pillow reports broken files by SyntaxError, OSError, ValueError, struct.error and more: all mean the same here.
+            warnings.simplefilter("error")
+            if iio.immeta(data, plugin="pillow")["mode"].startswith("I"):
+                grey = iio.imread(data, plugin="pillow")[..., None].astype(np.float32) / np.float32(65535)
+                return np.concatenate([grey, grey, grey, np.ones_like(grey)], axis=-1)
+            return iio.imread(data, plugin="pillow", mode="RGBA").astype(np.float32) / np.float32(255)
+    # The decoder reports broken files by SyntaxError, OSError, ValueError, struct.error, even AttributeError.
     except Exception as error:
-        reason = "is not a PNG or JPEG" if isinstance(error, Image.UnidentifiedImageError) else f"is broken: {error}"
-        raise InputError(name, "", f"{reason}; export the picture again") from error
+        root = error
+        while root.__cause__ is not None:
+            root = root.__cause__
+        if "DecompressionBomb" in type(root).__name__:
+            raise LimitError(name, "", f"is too large: {str(root).rstrip('.')}; scale it down") from error
+        raise InputError(name, "", f"is broken: {root}; export the picture again") from error
 
 
 def srgb_to_linear(image: Float[np.ndarray, "*b c"]) -> Float[np.ndarray, "*b c"]:
@@ -66,27 +66,21 @@ def _codes(image) -> UInt[np.ndarray, "..."]:
 
 
 def _png(codes: UInt[np.ndarray, "h w *c"]) -> bytes:
-    """A PNG file of 8 or 16 bits a channel. Source: W3C PNG, third edition; every row is filtered by `Up`."""
-    height, width = codes.shape[:2]
-    rows = np.ascontiguousarray(codes.astype(codes.dtype.newbyteorder(">"))).view(np.uint8).reshape(height, -1)
-    rows = np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1]))
-    rows = np.insert(rows, 0, 2, axis=1)
-    color_type = {(): 0, (3,): 2, (4,): 6}[codes.shape[2:]]
-    header = struct.pack(">IIBBBBB", width, height, 8 * codes.itemsize, color_type, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes())), (b"IEND", b""))
-    framed = (struct.pack(">I", len(d)) + t + d + struct.pack(">I", zlib.crc32(t + d)) for t, d in chunks)
-    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+    """A PNG file of 8 bits a channel, or of 16 bits of grey."""
+    import imageio.v3 as iio
+
+    if codes.dtype == np.uint16 and codes.ndim == 3:
+        raise ValueError(f"image: PNG holds 8 bits or 16-bit grey, got uint16 {list(codes.shape)}; write 8 bits")
+    return iio.imwrite("<bytes>", codes, plugin="pillow", extension=".png")
 
 
 def _jpeg(codes: UInt[np.ndarray, "h w *c"]) -> bytes:
     """A JPEG file of high quality, with colour as sharp as brightness."""
-    from PIL import Image
+    import imageio.v3 as iio
 
     if codes.dtype != np.uint8 or codes.shape[2:] == (4,):
         raise ValueError(f"image: JPEG holds 8-bit grey or RGB, got {codes.dtype} {list(codes.shape)}; write a .png")
-    buffer = io.BytesIO()
-    Image.fromarray(codes).save(buffer, "JPEG", quality=95, subsampling=0)
-    return buffer.getvalue()
+    return iio.imwrite("<bytes>", codes, plugin="pillow", extension=".jpg", quality=95, subsampling=0)
 
 
 _ENCODERS = {".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg}

@@ -6,11 +6,13 @@ are for a square picture; see `Camera`. Angles in radians, lengths in metres.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .safe import divide, dot, normalize
 
 Length = float | Float[Array, ""]
+Vector = Float[Array, "3"] | np.ndarray | tuple | list  # what a caller may write down for three numbers
 
 
 def multiply(a: Float[Array, "*b n k"], b: Float[Array, "*b k m"]) -> Float[Array, "*b n m"]:
@@ -48,9 +50,7 @@ def frame(normal: Float[Array, "*b 3"]) -> tuple[Float[Array, "*b 3"], Float[Arr
     return tangent, bitangent
 
 
-def look_at(
-    eye: Float[Array, "3"], target: Float[Array, "3"], up: Float[Array, "3"] | tuple = (0.0, 1.0, 0.0)
-) -> Float[Array, "4 4"]:
+def look_at(eye: Vector, target: Vector, up: Vector = (0.0, 1.0, 0.0)) -> Float[Array, "4 4"]:
     """`world_from_view` of a camera at `eye` that looks at `target` with `up` upwards in its picture.
 
     Where `up` is parallel to the line of sight, any perpendicular one is taken. Eye and target must differ.
@@ -65,7 +65,7 @@ def look_at(
     return jnp.concatenate([top, jnp.array([[0.0, 0.0, 0.0, 1.0]], top.dtype)])
 
 
-def orbit(azimuth: Length, elevation: Length, distance: Length, target=(0.0, 0.0, 0.0)) -> Float[Array, "4 4"]:
+def orbit(azimuth: Length, elevation: Length, distance: Length, target: Vector = (0.0, 0.0, 0.0)) -> Float[Array, "4 4"]:
     """`world_from_view` of a camera on a sphere about `target`, looking at it.
 
     Azimuth 0 stands on +Z and grows towards +X; elevation π/2 is straight above.
@@ -100,9 +100,9 @@ def orthographic(half_height: Length, near: Length, far: Length) -> Float[Array,
 
 
 def from_opencv(
-    K: Float[Array, "3 3"],
-    R: Float[Array, "3 3"],
-    t: Float[Array, "3"],
+    K: Float[Array, "3 3"] | np.ndarray,
+    R: Float[Array, "3 3"] | np.ndarray,
+    t: Vector,
     *,
     width: int,
     height: int,
@@ -133,7 +133,7 @@ def from_opencv(
     return world_from_view, jnp.stack([x_row, y_row, clip_from_view[2], clip_from_view[3]])
 
 
-def rotation(axis: Float[Array, "3"], angle: Length) -> Float[Array, "3 3"]:
+def rotation(axis: Vector, angle: Length) -> Float[Array, "3 3"]:
     """The right-handed rotation by `angle` about `axis` (Rodrigues); the identity for a zero axis.
 
     Gradient: exact in both; 0 in the axis where it is zero.

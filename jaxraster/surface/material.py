@@ -34,6 +34,16 @@ def metallic_roughness(
     return base * (1.0 - metallic), DIELECTRIC_F0 + metallic * (base - DIELECTRIC_F0), roughness * roughness
 
 
+def face_viewer(normal: Float[Array, "*b 3"], view: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
+    """The unit normal, bent the least that makes n·v at least 1e-3.
+
+    Interpolation and normal maps turn the normals of visible pixels away from the viewer; their mirror directions
+    would point into the surface. Gradient: exact.
+    """
+    missing = MIN_N_DOT_V - safe.dot(normal, view)
+    return jnp.where((missing > 0)[..., None], safe.normalize(normal + missing[..., None] * view), normal)
+
+
 def material(fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...]) -> Surface:
     """The surface at every pixel. `slots` names the textures that are fetched; the others count as white or flat."""
 

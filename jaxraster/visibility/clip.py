@@ -35,7 +35,7 @@ def clip_polygon(
     """Triangles cut to all planes: convex polygons with their number of corners, 0 where nothing is left."""
     num = corners.shape[0]
     polygon = jnp.concatenate([corners, jnp.zeros((num, NUM_PLANES, 4), corners.dtype)], axis=1)
-    slot = jnp.arange(CORNERS)[None, :]
+    slot = jnp.arange(CORNERS, dtype=jnp.int32)[None, :]
 
     def cut(plane, state):
         polygon, count = state

@@ -131,7 +131,7 @@ def _draw(buffer, rows, tiles, ids, finding_ids, height, width):
             target = jnp.where(finding_ids & inside, pixel + num_pixels, pixel)
             return buffer.at[target].max(value, mode="promise_in_bounds")
 
-        return start + PAIRS, lax.fori_loop(0, TILE * TILE, draw_pixel, buffer)
+        return start + PAIRS, lax.fori_loop(jnp.int32(0), jnp.int32(TILE * TILE), draw_pixel, buffer)
 
     return lax.while_loop(lambda state: state[0] < total, chunk, (jnp.int32(0), buffer))[1]
 
