@@ -29,7 +29,7 @@ class Ambient:
 def sky_share(cosine: Float[Array, "*b"], alpha: Float[Array, "*b"]) -> Float[Array, "*b"]:
     """The sky's share of a lobe of width alpha whose axis makes `cosine` with up. Gradient: exact for alpha > 0."""
     a2 = alpha * alpha
-    return 0.5 + 0.5 * cosine * safe.divide(1.0, safe.sqrt(cosine * cosine * (1.0 - a2) + a2))
+    return 0.5 + 0.5 * safe.divide(cosine, safe.sqrt(cosine * cosine * (1.0 - a2) + a2))
 
 
 def tones(environment: Environment, direction: Float[Array, "*b 3"], alpha: Float[Array, "*b"]) -> Float[Array, "*b 3"]:

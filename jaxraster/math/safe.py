@@ -4,6 +4,9 @@ Every one guards its input before the dangerous operation, not its output after 
 still multiplies the masked branch's infinite derivative by zero, which is NaN.
 """
 
+import functools
+
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
@@ -14,7 +17,7 @@ TINY = 1e-30
 
 
 def sqrt(x: Float[Array, "*b"]) -> Float[Array, "*b"]:
-    """√x for x > 0, else 0.
+    """√x for x > TINY, else 0, also for NaN.
 
     Gradient: exact for x > TINY; 0 elsewhere, where the plain one is infinite (x = 0) or NaN.
     """
@@ -22,13 +25,24 @@ def sqrt(x: Float[Array, "*b"]) -> Float[Array, "*b"]:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
 
 
+@functools.partial(jax.custom_jvp, nondiff_argnums=(2,))
 def divide(a: Float[Array, "*b"], b: Float[Array, "*b"], otherwise: float = 0.0) -> Float[Array, "*b"]:
-    """a / b, and `otherwise` where |b| is at most TINY.
+    """a / b, and `otherwise` where |b| is at most TINY or b is NaN.
 
-    Gradient: exact where divided; 0 elsewhere.
+    Gradient: exact where divided; 0 elsewhere. It is formed as (∂a - (a/b) ∂b) / b: JAX's own rule squares b, whose
+    reciprocal overflows below 1e-19.
     """
     nonzero = jnp.abs(b) > TINY
     return jnp.where(nonzero, a / jnp.where(nonzero, b, 1.0), otherwise)
+
+
+@divide.defjvp
+def _divide_jvp(otherwise, primals, tangents):
+    (a, b), (a_dot, b_dot) = primals, tangents
+    quotient = divide(a, b, otherwise)
+    nonzero = jnp.abs(b) > TINY
+    change = (a_dot - quotient * b_dot) / jnp.where(nonzero, b, 1.0)
+    return quotient, jnp.where(nonzero, change, 0.0)
 
 
 def dot(a: Float[Array, "*b n"], b: Float[Array, "*b n"]) -> Float[Array, "*b"]:
@@ -53,12 +67,13 @@ def normalize(v: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
     for component in components[1:]:
         scale = jnp.maximum(scale, jnp.abs(lax.stop_gradient(component)))
     usable = (scale > TINY) & (scale < jnp.inf)
-    inverse = 1.0 / jnp.where(usable, scale, 1.0)
-    unit = [jnp.where(usable, component, 1.0) * inverse for component in components]
+    # Divide: the reciprocal of 1e38 is denormal, which counts as 0.
+    scale = jnp.where(usable, scale, 1.0)
+    unit = [jnp.where(usable, component, 1.0) / scale for component in components]
     reciprocal = lax.rsqrt(sum(u * u for u in unit))
     return jnp.stack([jnp.where(usable, u * reciprocal, 0.0) for u in unit], axis=-1)
 
 
 def length(v: Float[Array, "*b n"]) -> Float[Array, "*b"]:
-    """|v|. Gradient: exact for v ≠ 0; 0 at v = 0, where the plain one is NaN."""
+    """|v|, and NaN where v is not finite. Gradient: exact for |v| > TINY; 0 below, where the plain one is NaN at 0."""
     return dot(v, normalize(v))
