@@ -36,8 +36,9 @@ def rays(camera: Camera, *, height: int, width: int) -> Float[Array, "h w 3"]:
     view_y = jnp.where(perspective, (y[:, None] + p[1, 2]) / p[1, 1], 0.0)
     skew = jnp.where(perspective, p[0, 1] / p[0, 0], 0.0)
     view_x, view_y = jnp.broadcast_arrays(view_x - skew * view_y, view_y)
-    direction = jnp.stack([view_x, view_y, -jnp.ones_like(view_x)], axis=-1)
-    return safe.normalize(multiply(direction, camera.world_from_view[:3, :3].T))
+    direction = jnp.stack([view_x, view_y, -jnp.ones_like(view_x)], axis=-1).reshape(-1, 3)
+    turned = multiply(direction, camera.world_from_view[:3, :3].T)
+    return safe.normalize(turned).reshape(height, width, 3)
 
 
 def background(
