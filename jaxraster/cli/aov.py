@@ -74,7 +74,7 @@ def _codes(mask, values):
 
 def _shown(mask, values):
     """Show what has already been through the display."""
-    return _picture(np.ones_like(mask), values), "displayed as the image is"
+    return _picture(mask, values), "displayed as the image is"
 
 
 def _colour(mask, values):

@@ -19,7 +19,7 @@ from ..math.table import fetch
 from ..math.transform import frame, stop
 from ..record import Scalar, record, static
 from ..scene import Directional, Mesh
-from ..visibility.raster import rasterize
+from ..visibility.raster import rasterize_depth
 
 MARGIN = 2  # texels left free on every side: as far as a tap reaches, so that none leaves the map
 # Cosine at which the slope's tangent stops growing: light that grazes further adds under 1/1000 of its irradiance.
@@ -84,7 +84,7 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
 
     x, y, depth = to_map(vertices)
     clip = jnp.stack([x * (2.0 / size) - 1.0, 1.0 - y * (2.0 / size), depth, jnp.ones_like(x)], axis=-1)
-    occluders = rasterize(clip, mesh.faces, height=size, width=size).depth.reshape(-1)
+    occluders = rasterize_depth(clip, mesh.faces, height=size, width=size).reshape(-1)
 
     # Bias by what the receiver's plane rises from its point to the farthest tap, two texels away on each axis.
     x, y, depth = to_map(_rotate(axes, surface.position))
