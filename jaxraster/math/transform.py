@@ -1,8 +1,11 @@
 """Poses and projections: where the camera stands, and how view space becomes clip space.
 
 View space looks down -Z with +Y up. Projections have reversed depth (clip z = w at the near plane, 0 at the far) and
-are for a square picture; see `Camera`. Angles in radians, lengths in metres.
+are for a square picture; see `Camera`. Angles in radians, lengths in metres. Numbers that make no camera raise a
+`ValueError`, unless they are traced.
 """
+
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +16,31 @@ from .safe import divide, dot, normalize
 
 Length = float | Float[Array, ""]
 Vector = Float[Array, "3"] | np.ndarray | tuple | list  # what a caller may write down for three numbers
+
+
+def _require(rule: str, holds: Callable[..., bool], **values) -> None:
+    """Raise one line with the numbers where they break a rule; pass what is traced, which has no numbers yet."""
+    if any(isinstance(value, jax.core.Tracer) for value in values.values()):
+        return
+    # Judge what is computed with: two points may differ in double precision alone.
+    with np.errstate(over="ignore"):
+        rounded = [np.asarray(value).astype(jnp.result_type(float)) for value in values.values()]
+    if not holds(*rounded):
+        numbers = ", ".join(f"{name} {np.asarray(value)}".replace("\n", "") for name, value in values.items())
+        raise ValueError(f"{rule}, got {numbers}")
+
+
+def _finite(*values: np.ndarray) -> bool:
+    return all(np.isfinite(value).all() for value in values)
+
+
+def _calibrates(K: np.ndarray) -> bool:
+    return _finite(K) and bool(K[0, 0] > 0 < K[1, 1] and K[1, 0] == 0) and K[2].tolist() == [0, 0, 1]
+
+
+def _rotates(R: np.ndarray) -> bool:
+    # A hundredth is far above what estimation and storage round, and far below what a scale or a shear adds.
+    return _finite(R) and bool(np.abs(R @ R.T - np.eye(3)).max() < 0.01 and np.linalg.det(R) > 0)
 
 
 def multiply(a: Float[Array, "*b n k"], b: Float[Array, "*b k m"]) -> Float[Array, "*b n m"]:
@@ -55,6 +83,8 @@ def look_at(eye: Vector, target: Vector, up: Vector = (0.0, 1.0, 0.0)) -> Float[
 
     Where `up` is parallel to the line of sight, any perpendicular one is taken. Eye and target must differ.
     """
+    _require("look_at: eye, target and up must be finite", _finite, eye=eye, target=target, up=up)
+    _require("look_at: eye and target must differ", lambda a, b: (a != b).any(), eye=eye, target=target)
     eye, target, up = (jnp.asarray(v, dtype=jnp.result_type(float)) for v in (eye, target, up))
     back = normalize(eye - target)
     right = jnp.cross(up, back)
@@ -65,11 +95,15 @@ def look_at(eye: Vector, target: Vector, up: Vector = (0.0, 1.0, 0.0)) -> Float[
     return jnp.concatenate([top, jnp.array([[0.0, 0.0, 0.0, 1.0]], top.dtype)])
 
 
-def orbit(azimuth: Length, elevation: Length, distance: Length, target: Vector = (0.0, 0.0, 0.0)) -> Float[Array, "4 4"]:
+def orbit(
+    azimuth: Length, elevation: Length, distance: Length, target: Vector = (0.0, 0.0, 0.0)
+) -> Float[Array, "4 4"]:
     """`world_from_view` of a camera on a sphere about `target`, looking at it.
 
     Azimuth 0 stands on +Z and grows towards +X; elevation π/2 is straight above.
     """
+    _require("orbit: azimuth and elevation must be finite", _finite, azimuth=azimuth, elevation=elevation)
+    _require("orbit: 0 < distance < ∞ must hold", lambda d: 0 < d < np.inf, distance=distance)
     azimuth, elevation = jnp.asarray(azimuth, float), jnp.asarray(elevation, float)
     horizontal = jnp.cos(elevation)
     away = jnp.stack([horizontal * jnp.sin(azimuth), jnp.sin(elevation), horizontal * jnp.cos(azimuth)])
@@ -82,6 +116,8 @@ def perspective(fov_y: Length, near: Length = 0.1, far: Length = jnp.inf) -> Flo
 
     z_clip = a·z + n(1 + a) with a = n/(f - n), w = -z: 1 at z = -n, 0 at z = -f.
     """
+    _require("perspective: 0 < fov_y < π must hold", lambda angle: 0 < angle < np.pi, fov_y=fov_y)
+    _require("perspective: 0 < near < far must hold", lambda n, f: 0 < n < f, near=near, far=far)
     fov_y, near, far = (jnp.asarray(v, dtype=jnp.result_type(float)) for v in (fov_y, near, far))
     a = near / (far - near)
     scale = 1.0 / jnp.tan(0.5 * fov_y)
@@ -92,6 +128,8 @@ def perspective(fov_y: Length, near: Length = 0.1, far: Length = jnp.inf) -> Flo
 
 def orthographic(half_height: Length, near: Length, far: Length) -> Float[Array, "4 4"]:
     """`clip_from_view` of a parallel projection that shows ±`half_height` metres vertically; `far` is finite."""
+    _require("orthographic: 0 < half_height < ∞ must hold", lambda h: 0 < h < np.inf, half_height=half_height)
+    _require("orthographic: near < far < ∞ must hold", lambda n, f: -np.inf < n < f < np.inf, near=near, far=far)
     half_height, near, far = (jnp.asarray(v, dtype=jnp.result_type(float)) for v in (half_height, near, far))
     scale, depth = 1.0 / half_height, 1.0 / (far - near)
     zero, one = jnp.zeros_like(scale), jnp.ones_like(scale)
@@ -117,6 +155,10 @@ def from_opencv(
 
     Source: OpenCV, "Camera Calibration and 3D Reconstruction", the pinhole model without distortion.
     """
+    _require("from_opencv: width and height must be above 0", lambda w, h: w > 0 < h, width=width, height=height)
+    _require("from_opencv: K must be [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx and fy above 0", _calibrates, K=K)
+    _require("from_opencv: R must be a rotation", _rotates, R=R)
+    _require("from_opencv: t must be finite", _finite, t=t)
     K, R, t = (jnp.asarray(m, dtype=jnp.result_type(float)) for m in (K, R, t))
     # Turn the pose: OpenCV's camera looks down +Z with y down, ours down -Z with y up.
     flip = jnp.array([1.0, -1.0, -1.0], K.dtype)
@@ -138,6 +180,7 @@ def rotation(axis: Vector, angle: Length) -> Float[Array, "3 3"]:
 
     Gradient: exact in both; 0 in the axis where it is zero.
     """
+    _require("rotation: axis and angle must be finite", _finite, axis=axis, angle=angle)
     x, y, z = normalize(jnp.asarray(axis, dtype=jnp.result_type(float)))
     zero = jnp.zeros_like(x)
     cross = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
