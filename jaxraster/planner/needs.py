@@ -80,7 +80,8 @@ def _texture_slot(facts: _Facts, slot: str, ambient: bool) -> Reason:
         return Reason(False, f"every such texture is multiplied by {' and '.join(factors)} of zero")
     if slot == "occlusion" and not ambient:
         return Reason(False, "it darkens ambient light alone, and there is none")
-    return Reason(True, f"fetched by {int((matter & textured).reshape(-1, textured.size).any(axis=0).sum())} materials")
+    count = int((matter & textured).reshape(-1, textured.size).any(axis=0).sum())
+    return Reason(True, f"fetched by {count} material{'s' if count > 1 else ''}")
 
 
 def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | None, Reason]:
