@@ -43,7 +43,8 @@ def parameters(tree: Any, paths: Sequence[str]) -> tuple[Values, Callable[[Value
     for pattern in paths:
         if not any(matches(name, pattern) for name in floats):
             near = difflib.get_close_matches(pattern, floats, n=3, cutoff=0.3) or floats[:3]
-            raise ValueError(f"parameters: no float leaf is named {pattern!r}; did you mean {', '.join(near)}?")
+            hint = f"did you mean {', '.join(near)}?" if near else "there is none at all"
+            raise ValueError(f"parameters: no float leaf is named {pattern!r}; {hint}")
     chosen = {name for name in floats if any(matches(name, pattern) for pattern in paths)}
     values = {name: jnp.asarray(leaf) for name, (_, leaf) in zip(names, leaves) if name in chosen}
 

@@ -5,7 +5,6 @@ treedef, so that they key compilation and never trace.
 """
 
 import dataclasses
-from collections.abc import Hashable
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
@@ -13,7 +12,7 @@ from jaxtyping import Array, Float
 
 Scalar = float | Float[Array, "*b"]  # the type of a knob: a plain number, or an array to differentiate or batch
 T = TypeVar("T")
-_ALLOWED = (int, str, bool, tuple, type(None))
+_ALLOWED = (int, str, bool, type(None))
 
 
 def static(default: Any = dataclasses.MISSING) -> Any:
@@ -24,6 +23,13 @@ def static(default: Any = dataclasses.MISSING) -> Any:
 def is_static(field: dataclasses.Field) -> bool:
     """Whether a record's field belongs to the treedef."""
     return field.metadata.get("static", False)
+
+
+def _strangers(value: Any) -> set[str]:
+    """Names of the types in a static value that have no place there."""
+    if isinstance(value, tuple):
+        return {name for part in value for name in _strangers(part)}
+    return set() if isinstance(value, _ALLOWED) else {type(value).__name__}
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(static,))
@@ -48,10 +54,10 @@ def record(cls: type[T]) -> type[T]:
         for field in fields:
             value = getattr(self, field.name)
             if is_static(field):
-                if not isinstance(value, _ALLOWED) or not isinstance(value, Hashable):
+                if strangers := _strangers(value):
                     raise TypeError(
                         f"{cls.__name__}.{field.name} is static: expected int, str, bool or a tuple of these, "
-                        f"got {type(value).__name__}"
+                        f"got {', '.join(sorted(strangers))}"
                     )
             elif type(value) is int:
                 object.__setattr__(self, field.name, float(value))
