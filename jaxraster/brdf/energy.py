@@ -9,8 +9,9 @@ def directional_albedo(
 ) -> Float[Array, "*b 3"]:
     """∫ D V F (n·l) dl = f0·A + B of the single-scattering GGX lobe, fitted by two ratios of biquadratics.
 
-    Off the integral by at most 0.07 in A + B and 0.07 in B (measured by the tests). Gradient: exact of the fit, 0
-    where A or B is clamped to [0, 1].
+    For roughness from 0.045 to 1 and n·v from 0.05 it is off the integral by at most 0.08 in A + B and 0.025 in B,
+    from 0.01 by 0.1 and 0.04 (measured by the tests). Never above 1, so that what is left for the diffuse is not
+    negative. Gradient: exact of the fit, 0 where A, B or the sum is clamped to [0, 1].
 
     Source: the coefficients are those of MaterialX 1.38's `mx_ggx_dir_albedo_analytic`.
     """
@@ -29,4 +30,4 @@ def directional_albedo(
     terms = {(i, j): n_dot_v**i * alpha**j for i, j in coefficients}
     sums = [sum(c[row] * terms[power] for power, c in coefficients.items()) for row in range(4)]
     a, b = (jnp.clip(sums[row] / sums[row + 2], 0.0, 1.0)[..., None] for row in (0, 1))
-    return f0 * a + b
+    return jnp.minimum(f0 * a + b, 1.0)
