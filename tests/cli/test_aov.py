@@ -83,8 +83,9 @@ def test_codes(frame, name):
 
 @pytest.mark.parametrize("name", Radiance.__annotations__)
 def test_light_is_displayed_as_the_image_is(frame, name):
-    """8 x at -3 EV through a clipping curve is x; light is shown behind surfaces too."""
-    np.testing.assert_allclose(show(frame, name)[0], srgb_encode(jnp.asarray(RAMP)), atol=1e-6)
+    """8 x at -3 EV through a clipping curve is x; where there is no surface there is no light of one."""
+    expected = np.where((FACE >= 0)[..., None], srgb_encode(jnp.asarray(RAMP)), 0.0)
+    np.testing.assert_allclose(show(frame, name)[0], expected, atol=1e-6)
 
 
 def test_faces_have_colours_of_their_own(frame):
