@@ -4,7 +4,7 @@ The mip level is log₂ of the footprint's longer side in texels, clamped to the
 left, texel centres at half-integers. Linear values in, linear values out.
 
 Gradient: exact in texels; in uv that of the bilinear weights; in the footprint that of the blend between two levels.
-uv that are not finite fetch the texel at 0.
+uv that are not finite count as 0, as does a footprint that is not a number; an infinite one reads the last level.
 Source: Williams 1983, "Pyramidal Parametrics"; level of detail as in the OpenGL 4.6 specification, eq. 8.8.
 """
 
@@ -14,6 +14,9 @@ from jaxtyping import Array, Float, Int
 
 from ..math.table import fetch
 from ..scene import CLAMP, MIRROR, REPEAT, Textures
+
+# Periods a pixel beyond which every texture, however narrow, is at its last level; larger numbers have no square.
+PERIODS = 2.0**15
 
 
 def _fold(coordinate, wrap):
@@ -65,12 +68,12 @@ def texture(
     u, v = _fold(uv[..., 0], wrap[..., 0]), _fold(uv[..., 1], wrap[..., 1])
 
     # Choose the level at which a step of one pixel is at most one texel; below one texel there is no level.
+    footprint = jnp.where(jnp.isnan(footprint), 0.0, jnp.clip(footprint, -PERIODS, PERIODS))
     size = fetch(textures.levels[:, 0, 1:], index).astype(uv.dtype)
     right, down = (
         (footprint[..., 0, i] * size[..., 0]) ** 2 + (footprint[..., 1, i] * size[..., 1]) ** 2 for i in (0, 1)
     )
     square = jnp.maximum(right, down)
-    square = jnp.where(jnp.isfinite(square), square, 1.0)
     deepest = textures.levels.shape[1] - 1
     lod = jnp.clip(0.5 * jnp.log2(jnp.maximum(square, 1.0)), 0.0, float(deepest))
     finer = jnp.floor(lax.stop_gradient(lod)).astype(jnp.int32)
