@@ -25,19 +25,19 @@ class Plan:
     `cull` drops the back faces of materials that are not double-sided. `exposure` in EV, each doubling the light.
     """
 
-    width: int = static(640)
-    height: int = static(480)
-    supersample: int = static(1)
-    shading: str = static("standard")
-    cull: bool = static(True)
-    texture_slots: tuple = static(TEXTURE_SLOTS)
-    light_kinds: tuple = static(LIGHT_KINDS)
+    width: int = static(default=640)
+    height: int = static(default=480)
+    supersample: int = static(default=1)
+    shading: str = static(default="standard")
+    cull: bool = static(default=True)
+    texture_slots: tuple = static(default=TEXTURE_SLOTS)
+    light_kinds: tuple = static(default=LIGHT_KINDS)
     shadow_map: ShadowMap | None = None
     ambient: Ambient | None = Ambient()
     emission: Emission | None = Emission()
     background: Background | None = Background()
     exposure: Scalar = 0.0
-    tonemap: str = static("pbr_neutral")
+    tonemap: str = static(default="pbr_neutral")
     dither: Dither | None = None
 
     def validate(self):

@@ -45,7 +45,7 @@ def record(cls: type[T]) -> type[T]:
         >>> @record
         ... class Fog:
         ...     density: float = 0.1
-        ...     steps: int = static(16)
+        ...     steps: int = static(default=16)
         >>> jax.tree.leaves(Fog(density=2))
         [2.0]
     """
@@ -78,9 +78,9 @@ def record(cls: type[T]) -> type[T]:
 
     validate = getattr(cls, "validate", lambda self: None)
     cls.__post_init__ = check
-    cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
-    fields = dataclasses.fields(cls)
+    made: Any = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
+    fields = dataclasses.fields(made)
     leaves = [f.name for f in fields if not is_static(f)]
     treedef = [f.name for f in fields if is_static(f)]
-    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
-    return cls
+    jax.tree_util.register_pytree_with_keys(made, flatten_with_keys, unflatten, flatten)
+    return made

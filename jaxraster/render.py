@@ -1,6 +1,7 @@
 """The table of contents: scene -> visibility -> surface -> light -> linear HDR -> image."""
 
 from contextlib import nullcontext
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -38,7 +39,7 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     """
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
-    def effect(function, settings, *inputs, otherwise=None, **sizes):
+    def effect(function, settings, *inputs, otherwise=None, **sizes) -> Any:
         with jax.named_scope(function.__name__) if settings is not None else nullcontext():
             return otherwise if settings is None else function(*inputs, settings, **sizes)
 
@@ -55,8 +56,8 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
         surface = material(fragment, scene.materials, scene.textures, plan.texture_slots)
 
     # Light it, keeping the paths apart.
-    lit = effect(shadow_map, plan.shadow_map, surface, mesh, scene.lights.directional)
-    shadow = None if lit is None else (plan.shadow_map.light, lit)
+    share = effect(shadow_map, plan.shadow_map, surface, mesh, scene.lights.directional)
+    shadow = None if plan.shadow_map is None else (plan.shadow_map.light, share)
     with jax.named_scope("direct"):
         direct = punctual(surface, scene.lights, plan.light_kinds, BRDFS[plan.shading], shadow)
     dark = jnp.zeros_like(surface.position)

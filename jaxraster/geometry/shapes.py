@@ -107,7 +107,7 @@ def box(size: tuple[float, float, float] = (1.0, 1.0, 1.0), radius: float = 0.0,
         normal = sign * np.eye(3)[axis]
         up = np.array([0.0, 1.0, 0.0]) if axis != 1 else np.array([0.0, 0.0, -sign])
         right = np.cross(up, normal)
-        along, down = (_ticks(np.abs(d) @ half, radius, offsets) for d in (right, up))
+        along, down = (_ticks(float(np.abs(d) @ half), radius, offsets) for d in (right, up))
         s, t = along, down[::-1]
         sharp = normal * (np.abs(normal) @ half) + s[None, :, None] * right + t[:, None, None] * up
         inner = np.clip(sharp, radius - half, half - radius)
@@ -119,7 +119,8 @@ def box(size: tuple[float, float, float] = (1.0, 1.0, 1.0), radius: float = 0.0,
         parts.append(_grid(inner + radius * outwards, outwards, tangents, u, v))
     *columns, faces = zip(*parts)
     offsets = np.cumsum([0, *(len(part[0]) for part in parts[:-1])])
-    return _mesh(*map(np.concatenate, columns), np.concatenate([f + o for f, o in zip(faces, offsets)]))
+    vertices, normals, tangents, uvs = (np.concatenate(column) for column in columns)
+    return _mesh(vertices, normals, tangents, uvs, np.concatenate([f + o for f, o in zip(faces, offsets)]))
 
 
 def _ticks(half: float, radius: float, offsets: np.ndarray) -> np.ndarray:

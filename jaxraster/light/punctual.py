@@ -28,7 +28,8 @@ Arriving = tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]
 
 def directional(surface: Surface, light: Directional) -> Arriving:
     """(l, irradiance) of one light, without leading count."""
-    return tuple(jnp.broadcast_to(v, surface.position.shape) for v in (-light.direction, light.irradiance))
+    shape = surface.position.shape
+    return jnp.broadcast_to(-light.direction, shape), jnp.broadcast_to(light.irradiance, shape)
 
 
 def point(surface: Surface, light: Point | Spot) -> Arriving:
@@ -68,13 +69,14 @@ def punctual(
     total = (jnp.zeros_like(surface.position), jnp.zeros_like(surface.position))
     for kind in kinds:
         every = getattr(lights, kind)
-        arrive = KINDS[kind]
+        occluded = shadow if kind == "directional" else None
 
-        def add(total, numbered, arrive=arrive, shadowed=kind == "directional" and shadow is not None):
+        def add(total, numbered, arrive=KINDS[kind], occluded=occluded):
             number, light = numbered
             l, irradiance = arrive(surface, light)
-            if shadowed:
-                irradiance = irradiance * jnp.where(number == shadow[0], shadow[1], 1.0)[..., None]
+            if occluded is not None:
+                index, share = occluded
+                irradiance = irradiance * jnp.where(number == index, share, 1.0)[..., None]
             diffuse, specular = brdf(surface, l)
             return (total[0] + diffuse * irradiance, total[1] + specular * irradiance), None
 

@@ -34,8 +34,8 @@ class ShadowMap:
     receiver's own plane rises within the filter's reach; 1 is the least that keeps a plane from shadowing itself.
     """
 
-    resolution: int = static(1024)
-    light: int = static(0)
+    resolution: int = static(default=1024)
+    light: int = static(default=0)
     constant_bias: Scalar = 0.5
     slope_bias: Scalar = 1.0
 

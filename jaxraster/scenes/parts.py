@@ -62,8 +62,8 @@ def lights(directional: Sequence = (), point: Sequence = (), spot: Sequence = ()
 
 def environment(sky: Sequence[float], ground: Sequence[float]) -> Environment:
     """Two tones, above and below."""
-    up, sky, ground = (jnp.asarray(tone, jnp.float32) for tone in ((0.0, 1.0, 0.0), sky, ground))
-    return Environment(up=up, sky=sky, ground=ground)
+    up, above, below = (jnp.asarray(tone, jnp.float32) for tone in ((0.0, 1.0, 0.0), sky, ground))
+    return Environment(up=up, sky=above, ground=below)
 
 
 def at(mesh: Mesh, x: float, y: float, z: float, material: int | None, *, yaw=0.0, pitch=0.0, roll=0.0) -> Mesh:
@@ -90,11 +90,10 @@ def at(mesh: Mesh, x: float, y: float, z: float, material: int | None, *, yaw=0.
 
 def tiled(mesh: Mesh, u: float, v: float) -> Mesh:
     """The mesh with its image repeated so often along either axis."""
-    return replace(mesh, uvs=jnp.asarray(np.asarray(mesh.uvs) * np.float32([[u, v]])))
+    return replace(mesh, uvs=jnp.asarray(np.asarray(mesh.uvs) * np.array([[u, v]], np.float32)))
 
 
 def camera(eye: Sequence[float], target: Sequence[float], fov_y: float) -> Camera:
     """A camera at `eye` that looks at `target`, `fov_y` in degrees."""
-    eye, target = (jnp.asarray(v, jnp.float32) for v in (eye, target))
-    view = jax.jit(look_at)(eye, target)
+    view = jax.jit(look_at)(jnp.asarray(eye, jnp.float32), jnp.asarray(target, jnp.float32))
     return Camera(world_from_view=view, clip_from_view=jax.jit(perspective)(np.radians(fov_y)))

@@ -186,8 +186,8 @@ def _nearest(clip, faces, sides, *, height, width, depth_only):
     def draw_group(state):
         step, buffer = state
         index = step % groups
-        operands = lax.cond(index < whole_groups, whole_group, clipped_group, index)
-        return step + 1, _draw(buffer, *operands, step >= groups, height, width)
+        rows, tiles, ids = lax.cond(index < whole_groups, whole_group, clipped_group, index)
+        return step + 1, _draw(buffer, rows, tiles, ids, step >= groups, height, width)
 
     # Derive the first buffer from the input, so that a device-varying input makes a device-varying loop.
     passes = 1 if depth_only else 2
