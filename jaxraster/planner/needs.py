@@ -5,7 +5,9 @@ everything on. Under `wrt` no rule drops an effect for the *value* of a leaf tha
 factor of zero still has a gradient. Gradient: none; plans are made outside of `jit`.
 """
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -39,7 +41,7 @@ class _Facts:
         self.used = np.unique(self.scene.mesh.material)
 
     def differentiated(self, name: str) -> bool:
-        return any(matches(name, pattern) for pattern in self.wrt)
+        return any(matches(f"scene.{name}", pattern) for pattern in self.wrt)
 
     def material(self, name: str) -> np.ndarray:
         """A material's factor `[..., used]`, as 0 or 1 where it cannot or can matter."""
@@ -68,20 +70,26 @@ def _texture_slot(facts: _Facts, slot: str, ambient: bool) -> Reason:
     factors = {
         "base_color": ("base_color",),
         "metallic_roughness": ("metallic", "roughness"),
-        "normal": ("normal_scale",),
+        "normal": (),
         "occlusion": ("occlusion_strength",),
         "emissive": ("emissive",),
     }[slot]
     textured = facts.textured(slot)
     if not textured.any():
         return Reason(False, "no material in use has such a texture")
-    matter = np.any([facts.material(name) for name in factors], axis=0)
+    # Keep any normal map: flattened by a scale of 0 it still turns normals where its blue is below one half.
+    matter = np.any([facts.material(name) for name in factors], axis=0) if factors else textured
     if not (matter & textured).any():
         return Reason(False, f"every such texture is multiplied by {' and '.join(factors)} of zero")
     if slot == "occlusion" and not ambient:
         return Reason(False, "it darkens ambient light alone, and there is none")
     count = int((matter & textured).reshape(-1, textured.size).any(axis=0).sum())
     return Reason(True, f"fetched by {count} material{'s' if count > 1 else ''}")
+
+
+def _members(batch: np.ndarray) -> np.ndarray:
+    """The matrices `[n, i, j]` of a batch with any leading axes, or none."""
+    return batch.reshape(math.prod(batch.shape[:-2]), *batch.shape[-2:])
 
 
 def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | None, Reason]:
@@ -96,17 +104,18 @@ def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | N
     strength = np.abs(lights.irradiance).sum(axis=-1).reshape(-1, shining.size).max(axis=0)
     chosen = int(np.argmax(np.where(shining, strength, -1.0)))
     others = "" if shining.sum() == 1 else f"; the other {int(shining.sum()) - 1} directional lights cast none"
-    vertices = facts.scene.mesh.vertices.reshape(-1, *facts.scene.mesh.vertices.shape[-2:])
-    directions = lights.direction.reshape(-1, *lights.direction.shape[-2:])[:, chosen]
-    matrices = np.asarray(clip_from_world(facts.camera, **plan_size)).reshape(-1, 4, 4)
+    directions = _members(lights.direction)[:, chosen]
+    matrices = _members(np.asarray(clip_from_world(facts.camera, **plan_size)))
     undecided = False
-    for corners in vertices:
+    for corners in _members(facts.scene.mesh.vertices):
         triangles = corners[facts.scene.mesh.faces]
         triangles = triangles[np.isfinite(triangles).all(axis=(1, 2))]
+        finite = corners[np.isfinite(corners).all(axis=1)].astype(np.float64)
+        size = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
         for matrix in matrices:
             receivers = visible_polygons(triangles, matrix)
             for direction in directions:
-                verdict = may_shadow(triangles, receivers, direction)
+                verdict = may_shadow(triangles, receivers, direction, size)
                 if verdict:
                     why = f"something stands between light {chosen} and a surface in view{others}"
                     return ShadowMap(light=chosen), Reason(True, why)
@@ -139,10 +148,10 @@ def plan_for(
         Reason(on=False, why='the environment is black')
     """
     _concrete(scene, camera)
-    for pattern in wrt:
-        parameters({"scene": scene, "camera": camera}, (pattern,))
+    wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    parameters({"scene": scene, "camera": camera}, wrt)
+    asked = Plan(height=height, width=width, **settings)
     facts = _Facts(scene, camera, wrt)
-    size, shading = {"height": height, "width": width}, settings.get("shading", "standard")
     reasons: dict[str, Reason] = {}
 
     # Decide on light first: what it reaches decides the rest.
@@ -158,7 +167,7 @@ def plan_for(
         reasons[f"light {kind}"] = Reason(
             bool(shining), f"{count} in the scene" + ("" if shining or not count else ", all black")
         )
-    shadow, reasons["shadow_map"] = _shadow(facts, size, shading)
+    shadow, reasons["shadow_map"] = _shadow(facts, {"height": height, "width": width}, asked.shading)
     emits = facts.material("emissive").any()
     reasons["emission"] = Reason(bool(emits), f"{'a' if emits else 'no'} material in use emits light")
     reasons["ambient"] = Reason(lit, f"the environment {tones}")
@@ -174,6 +183,10 @@ def plan_for(
         "ambient": Ambient() if lit else None,
         "background": Background() if lit else None,
     }
+    plan = replace(asked, **{name: value for name, value in chosen.items() if name not in settings})
     for name in settings.keys() & reasons.keys():
         reasons[name] = Reason(settings[name] not in (None, False), "as asked for")
-    return Plan(**{**chosen, **size, **settings}), reasons
+    for name, word, members in (("texture_slots", "texture", TEXTURE_SLOTS), ("light_kinds", "light", LIGHT_KINDS)):
+        if name in settings:
+            reasons |= {f"{word} {member}": Reason(member in settings[name], "as asked for") for member in members}
+    return plan, reasons

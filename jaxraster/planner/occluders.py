@@ -13,8 +13,8 @@ import numpy as np
 MAX_PAIRS = 4_000_000
 # A face must reach above a plane by this share of the scene's size, which is some float32 roundings of a position.
 RELATIVE_GAP = 1e-6
-# Overlap is judged with this margin of the scene's size: a shadow map's filter reaches two texels of the default 1024
-# beyond an edge, and snapping and the map's own margin may add as much again.
+# Overlap is judged with this margin of the scene's size: of the default map's 1024 texels each is at most 1/1020 of it,
+# the filter reaches two of them beyond an edge on either axis, 2.83 in all, and snapping adds less than one.
 RELATIVE_REACH = 4 / 1024
 
 
@@ -68,8 +68,13 @@ def _separated(a: np.ndarray, others: np.ndarray, reach: float) -> np.ndarray:
     return np.maximum(gaps(own), gaps(axes(others))) > reach
 
 
-def may_shadow(triangles: np.ndarray, receivers: list[tuple[int, np.ndarray]], direction: np.ndarray) -> bool | None:
-    """Whether any of the faces `[f, 3, 3]` can stand between the light and a receiver; None if too many to tell."""
+def may_shadow(
+    triangles: np.ndarray, receivers: list[tuple[int, np.ndarray]], direction: np.ndarray, size: float
+) -> bool | None:
+    """Whether any of the faces `[f, 3, 3]` can stand between the light and a receiver; None if too many to tell.
+
+    `size` is the diagonal of the box around all vertices.
+    """
     stride = max(1, -(-len(receivers) * len(triangles) // MAX_PAIRS))
     towards = -np.asarray(direction, np.float64) / np.linalg.norm(direction)
     helper = np.eye(3)[np.argmin(np.abs(towards))]
@@ -77,7 +82,6 @@ def may_shadow(triangles: np.ndarray, receivers: list[tuple[int, np.ndarray]], d
     right /= np.linalg.norm(right)
     flat = np.stack([right, np.cross(towards, right)], axis=-1)
     triangles = triangles.astype(np.float64)
-    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     shadows = triangles @ flat
 
     for face, polygon in receivers[::stride]:

@@ -1,0 +1,520 @@
+"""The planner's rules: each fires, each misses by a hair, and the picture is never another than with everything on."""
+
+import dataclasses
+import re
+
+import hypothesis
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import small
+from hypothesis import strategies as st
+from small import AWAY, BOX, CARD, COLOUR_TEXTURE, FLOOR, HEIGHT, NORMAL_TEXTURE, WALL, WIDTH
+
+from jaxraster.display.dither import Dither
+from jaxraster.geometry import shapes
+from jaxraster.light.ambient import Ambient
+from jaxraster.light.shadow_map import ShadowMap
+from jaxraster.parameters import parameters
+from jaxraster.plan import Plan
+from jaxraster.planner import Reason, explain, occluders, plan_for
+from jaxraster.scene import LIGHT_KINDS, TEXTURE_SLOTS, Scene
+from jaxraster.scenes import SCENES, parts
+
+DOWN = (0.0, -1.0, 0.0)
+SLANTED = (-0.4, -1.0, -0.3)
+CAMERA = small.camera()
+SIZE = {"width": WIDTH, "height": HEIGHT}
+SLOT_FACTORS = {
+    "base_color": {"base_color": (0.0, 1e-6, 0.0)},
+    "metallic_roughness": {"metallic": 0.0, "roughness": 1e-6},
+    "normal": {"normal_scale": 1e-6},
+    "occlusion": {"occlusion_strength": 1e-6},
+    "emissive": {"emissive": (0.0, 0.0, 1e-6)},
+}
+
+
+def rows(**of_floor) -> list[dict]:
+    return [of_floor, {}, {}, {}, {}]
+
+
+def needs(scene: Scene, **options) -> dict[str, Reason]:
+    return plan_for(scene, CAMERA, **SIZE, **options)[1]
+
+
+def zero(factors: dict) -> dict:
+    return {name: np.zeros_like(value) for name, value in factors.items()}
+
+
+def white(slot: str, strength: float = 1.0, **more) -> list[dict]:
+    """The floor with a texture in one slot, and all its factors times `strength`."""
+    factors = {name: np.multiply(strength, value) for name, value in SLOT_FACTORS[slot].items()}
+    return rows(**{f"{slot}_texture": COLOUR_TEXTURE}, **factors, **more)
+
+
+def on_unused(row: dict) -> list[dict]:
+    return [{}, {}, {}, {}, row]
+
+
+# (effect, scene in which it is needed, scene in which it is not, and why not)
+RULES = {
+    "cull": (
+        "cull",
+        {"rows": [{"double_sided": True}] * 3 + [{}] * 2},
+        {"rows": [{"double_sided": True}] * 4 + [{}]},
+        "no material in use is single-sided",
+    ),
+    **{
+        f"{slot} with a black factor": (
+            f"texture {slot}",
+            {"rows": white(slot), "sky": 1.0},
+            {"rows": white(slot, 0.0), "sky": 1.0},
+            "every such texture is multiplied by .* of zero",
+        )
+        for slot in TEXTURE_SLOTS
+        if slot != "normal"
+    },
+    **{
+        f"{slot} on an unused material": (
+            f"texture {slot}",
+            {"rows": white(slot), "sky": 1.0},
+            {"rows": on_unused(white(slot)[0]), "sky": 1.0},
+            "no material in use has such a texture",
+        )
+        for slot in TEXTURE_SLOTS
+    },
+    "factor and texture on different materials": (
+        "texture emissive",
+        {"rows": [{"emissive_texture": 0, "emissive": (0, 1, 0)}, {}, {}, {}, {}]},
+        {"rows": [{"emissive_texture": 0}, {"emissive": (0, 1, 0)}, {}, {}, {}]},
+        "every such texture is multiplied by emissive of zero",
+    ),
+    "occlusion without ambient light": (
+        "texture occlusion",
+        {"rows": white("occlusion"), "ground": 1e-6},
+        {"rows": white("occlusion"), "directional": [(DOWN, 1.0)]},
+        "ambient light alone, and there is none",
+    ),
+    **{
+        f"light {kind}": (
+            f"light {kind}",
+            {kind: [((0, 3, 0), *more, 0.0), ((0, 3, 0), *more, 1e-6)]},
+            {kind: [((0, 3, 0), *more, 0.0)]},
+            "2 in the scene, all black",
+        )
+        for kind, more in (("directional", ()), ("point", ()), ("spot", (DOWN,)))
+    },
+    "emission": (
+        "emission",
+        {"rows": [{}, {}, {}, {"emissive": (0, 0, 1e-6)}, {}]},
+        {"rows": on_unused({"emissive": (1, 1, 1)})},
+        "no material in use emits light",
+    ),
+    "ambient from the sky": ("ambient", {"sky": 1e-6}, {}, "the environment is black"),
+    "ambient from the ground": ("ambient", {"ground": 1e-6}, {}, "the environment is black"),
+    "background": ("background", {"ground": 1e-6}, {}, "the environment is black"),
+    "shadow of a light": (
+        "shadow_map",
+        {"directional": [(SLANTED, 1e-6)]},
+        {"directional": [(SLANTED, 0.0)], "point": [((0, 3, 0), 1.0)]},
+        "no directional light shines, and other kinds cast no shadow yet",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", RULES)
+def test_each_rule_fires_and_misses_by_a_hair(case):
+    effect, needed, not_needed, why = RULES[case]
+    assert needs(small.scene(**needed))[effect].on
+    reason = needs(small.scene(**not_needed))[effect]
+    assert not reason.on
+    assert re.search(why, reason.why), reason.why
+
+
+def test_a_normal_map_is_never_dropped_for_its_scale():
+    """Flattened to a scale of 0 it still turns the normal where its blue is below one half."""
+    assert needs(small.scene(rows(normal_texture=NORMAL_TEXTURE, normal_scale=0.0)))["texture normal"].on
+
+
+def meshed(*meshes, directional=((SLANTED, 1.0),)) -> Scene:
+    """A scene of other meshes, all of row 0, for what is decided on the host alone."""
+    return dataclasses.replace(small.scene(directional=directional), mesh=shapes.merge(meshes))
+
+
+def plane(x=0.0, y=0.0, z=0.0, size=1.0, **turned):
+    return parts.at(shapes.plane(size, size), x, y, z, FLOOR, **turned)
+
+
+GROUND, HOVERING, HIGH, LOW = plane(size=4.0), plane(0.5, 1.0), plane(2.0, 20.0, 6.0), plane(0.5, -20.0)
+FORWARD = (-0.1, -1.0, -0.3)  # carries the shadow of what is HIGH, behind the camera's back, to the middle of the floor
+NOWHERE, POINT = (dataclasses.replace(HOVERING, vertices=jnp.full((4, 3), v)) for v in (np.nan, 50.0))
+SHADOWS = {
+    "a lone plane": (False, [GROUND], SLANTED),
+    "a lone plane that faces away from the light": (False, [GROUND], (0.4, 1.0, 0.3)),
+    "two halves of a plane": (False, [plane(-1.0, size=2.0), plane(1.0, size=2.0)], SLANTED),
+    "a folded plane, light from behind": (True, [GROUND, plane(0.0, 1.0, -2.0, size=2.0, pitch=90.0)], (0, -1, 1)),
+    "a lone box": (True, [parts.at(shapes.box(), 0.0, 0.5, 0.0, FLOOR)], SLANTED),
+    "a caster above": (True, [GROUND, HOVERING], SLANTED),
+    "a caster that faces away": (True, [GROUND, plane(0.5, 1.0, roll=180.0)], SLANTED),
+    "a caster below": (False, [GROUND, LOW], (0, -1, 0)),
+    "a caster below, light from below": (True, [GROUND, LOW], (0, 1, 0)),
+    "a caster out of view, its shadow in view": (True, [GROUND, HIGH], FORWARD),
+    "a caster out of view, its shadow too": (False, [GROUND, HIGH], (0.3, -1.0, -0.3)),
+    "a caster out of view, beyond the receiver": (False, [GROUND, plane(-2.0, -20.0, -6.0)], FORWARD),
+    "nothing at all": (False, [], SLANTED),
+    "a broken caster": (False, [GROUND, NOWHERE], SLANTED),
+    "a broken caster before the shadow of another": (True, [NOWHERE, HIGH, GROUND], FORWARD),
+    "a caster without area": (False, [GROUND, POINT], SLANTED),
+}
+
+
+@pytest.mark.parametrize("case", SHADOWS)
+def test_a_shadow_is_planned_where_something_can_stand_in_the_light(case):
+    on, meshes, direction = SHADOWS[case]
+    reason = needs(meshed(*meshes, directional=[(direction, 1.0)]))["shadow_map"]
+    assert reason.on is on, reason.why
+
+
+def test_too_many_faces_to_prove_are_presumed_to_shadow(monkeypatch):
+    halves = meshed(*(plane(x, size=1.0) for x in (-1.5, -0.5, 0.5, 1.5)))
+    assert not needs(halves)["shadow_map"].on
+    monkeypatch.setattr(occluders, "MAX_PAIRS", 8)
+    plan, reasons = plan_for(halves, CAMERA, **SIZE)
+    assert plan.shadow_map is not None and "too many faces to prove" in reasons["shadow_map"].why
+
+
+def test_the_strongest_shining_light_has_the_shadow():
+    for strengths, chosen in (((1.0, 2.0), 1), ((2.0, 1.0), 0), ((0.0, 1.0), 1)):
+        scene = small.scene(directional=[(SLANTED, strength) for strength in strengths])
+        plan, reasons = plan_for(scene, CAMERA, **SIZE)
+        assert plan.shadow_map.light == chosen
+        assert f"between light {chosen}" in reasons["shadow_map"].why
+        assert ("cast none" in reasons["shadow_map"].why) == (min(strengths) > 0)
+
+
+def test_a_shadow_s_filter_reaches_no_farther_than_planned():
+    """A caster beside a receiver, as the light sees it, at distances about the filter's reach.
+
+    Along this light the map's axes lie across the scene's box, and its texels are as large as they get: 1.7 / 1020 of
+    the box's side. Whatever the filter darkens must have been planned.
+    """
+    towards = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
+    a, b = np.array([0.5, -0.5, -np.sqrt(0.5)]), np.array([-0.5, 0.5, -np.sqrt(0.5)])
+    texel = 2 * (1 + np.sqrt(0.5)) / 1020
+    square = np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) @ np.array([a, b]) * 0.1
+    cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    scene = small.scene(directional=[(-towards, 1.0)])
+    # Keep floor and card; let every other face be a point in a corner of the cube, which nothing can see.
+    material = np.asarray(scene.mesh.material)
+    faces = np.where(np.isin(material, (FLOOR, CARD))[:, None], scene.mesh.faces, np.asarray(scene.mesh.faces)[:, :1])
+    floor, card = (np.unique(faces[material == m]) for m in (FLOOR, CARD))
+    vertices = np.resize(cube, (len(scene.mesh.vertices), 3)).astype(np.float64)
+    assert len(np.unique(vertices[np.setdiff1d(np.arange(len(vertices)), [*floor, *card])], axis=0)) == 8
+    # The origin lies on a corner of texels: the caster just covers the centre at 1.5.
+    vertices[card] = square + 1.49 * texel * (a + b) + 0.1 * towards
+    darkened, planned = {}, {}
+    for distance in (1.0, 1.7, 1.8, 2.5, 6.0):
+        corner = (1.49 - distance) * texel * (a + b)
+        vertices[floor] = corner - square
+        camera = parts.camera(list(corner + 3 * towards), list(corner), np.degrees(texel))
+        changes = {"vertices": jnp.asarray(vertices, jnp.float32), "faces": jnp.asarray(faces)}
+        moved = dataclasses.replace(scene, mesh=dataclasses.replace(scene.mesh, **changes))
+        plan, reasons = plan_for(moved, camera, cull=False, **SIZE)
+        bare = dataclasses.replace(plan, shadow_map=None)
+        lit = np.asarray(small.render(moved, camera, bare).hdr)
+        shaded = np.asarray(small.render(moved, camera, dataclasses.replace(bare, shadow_map=ShadowMap())).hdr)
+        assert (lit > 0).any()
+        darkened[distance] = bool((shaded < (1 - 1e-6) * lit).any())
+        planned[distance] = reasons["shadow_map"].on
+    assert all(planned[distance] for distance in darkened if darkened[distance]), (darkened, planned)
+    assert darkened[1.8] and not darkened[2.5] and not planned[6.0]
+
+
+SMOOTH = white("metallic_roughness", 0.0)
+WRT = {
+    "zero emission": ("materials.emissive", {}, ["emission"]),
+    "zero emission under a texture": ("emissive", {"rows": white("emissive", 0.0)}, ["emission", "texture emissive"]),
+    "black base under a texture": ("base_color", {"rows": white("base_color", 0.0)}, ["texture base_color"]),
+    "no roughness under a texture": (
+        "roughness",
+        {"rows": white("metallic_roughness", 0.0)},
+        ["texture metallic_roughness"],
+    ),
+    "no metal under a texture": (
+        "metallic",
+        {"rows": white("metallic_roughness", 0.0)},
+        ["texture metallic_roughness"],
+    ),
+    "no occlusion": ("occlusion_strength", {"rows": white("occlusion", 0.0), "sky": 1.0}, ["texture occlusion"]),
+    "a black sun": ("lights.directional", {}, ["light directional", "shadow_map"]),
+    "black lamps": ("intensity", {}, ["light point", "light spot"]),
+    "one black lamp": ("spot.intensity", {}, ["light spot"]),
+    "a black sky": ("sky", {}, ["ambient", "background"]),
+    "black ground and its occlusion": ("environment", {"rows": white("occlusion")}, ["ambient", "texture occlusion"]),
+    "everything": ("scene", {}, ["emission", "ambient", "light directional", "light point", "light spot"]),
+}
+
+
+@pytest.mark.parametrize("case", WRT)
+def test_what_is_differentiated_is_kept_though_it_is_zero(case):
+    path, options, kept = WRT[case]
+    scene = small.scene(**options)
+    without, by_path, by_full_path = (needs(scene, wrt=wrt) for wrt in ((), (path,), f"scene.{path}"[-len(path) :]))
+    assert not any(without[name].on for name in kept)
+    assert all(by_path[name].on for name in kept)
+    assert by_path == by_full_path
+
+
+@pytest.mark.parametrize("path", ["scene.materials.emissive", "scene.materials", "scene", "materials", "emissive"])
+def test_paths_may_begin_with_the_scene(path):
+    assert needs(small.scene(), wrt=(path,))["emission"].on
+
+
+@pytest.mark.parametrize("path", ["vertices", "texels", "camera", "direction", "position", "normal_scale", "up"])
+def test_other_paths_keep_nothing_more(path):
+    """A direction of black light or a texel under a black factor has no gradient."""
+    scene = small.scene(white("emissive", 0.0))
+    assert needs(scene, wrt=(path,)) == needs(scene)
+
+
+@pytest.mark.parametrize(
+    ("wrt", "near"), [(("vertices", "emisive"), "emissive"), ("lights.sun", "lights."), ("faces", "")]
+)
+def test_an_unknown_path_names_the_nearest(wrt, near):
+    with pytest.raises(ValueError, match=rf"no float leaf is named .*; did you mean .*{near}"):
+        needs(small.scene(), wrt=wrt)
+
+
+@pytest.mark.parametrize("transform", [jax.jit, jax.vmap, lambda f: jax.grad(lambda v: f(v) * 0.0)])
+def test_traced_input_raises_one_line(transform):
+    scene = small.scene()
+
+    def plan(vertices):
+        moved = dataclasses.replace(scene, mesh=dataclasses.replace(scene.mesh, vertices=vertices))
+        return plan_for(moved, CAMERA, **SIZE)[0].exposure
+
+    vertices = jnp.stack([scene.mesh.vertices] * 2) if transform is jax.vmap else scene.mesh.vertices
+    with pytest.raises(TypeError, match=r"^plan_for looks at concrete values: call it outside of jit") as e:
+        transform(plan)(vertices)
+    assert "\n" not in str(e.value)
+
+
+def test_what_is_asked_for_is_taken_as_it_is():
+    scene = small.scene(white("base_color"), directional=[(SLANTED, 1.0)])
+    asked = {
+        "cull": False,
+        "shadow_map": None,
+        "ambient": Ambient(gain=2.0),
+        "dither": Dither(),
+        "texture_slots": ("normal",),
+        "light_kinds": (),
+        "exposure": 1.5,
+        "supersample": 2,
+    }
+    plan, reasons = plan_for(scene, CAMERA, **SIZE, **asked)
+    assert {name: getattr(plan, name) for name in asked} == asked
+    assert plan.emission is None and not reasons["emission"].on
+    of_request = {name: reason.on for name, reason in reasons.items() if reason.why == "as asked for"}
+    textures = {f"texture {slot}": slot == "normal" for slot in TEXTURE_SLOTS}
+    kinds = {f"light {kind}": False for kind in LIGHT_KINDS}
+    assert of_request == {"cull": False, "shadow_map": False, "ambient": True, "dither": True, **textures, **kinds}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"width": 0}, r"Plan\.width must be a whole number of at least 1, got 0"),
+        ({"height": -3}, r"Plan\.height must be"),
+        ({"shading": "toon"}, r"Plan\.shading must be one of standard, local, got 'toon'"),
+        ({"shading": "local", "shadow_map": ShadowMap()}, r"Plan\.shadow_map must be None"),
+    ],
+)
+def test_a_plan_that_means_nothing_is_refused_first(options, message):
+    with pytest.raises(ValueError, match=message):
+        plan_for(small.scene(directional=[(SLANTED, 1.0)]), CAMERA, **{**SIZE, **options})
+
+
+def test_local_shading_plans_no_shadow():
+    scene = small.scene(directional=[(SLANTED, 1.0)])
+    plan, reasons = plan_for(scene, CAMERA, **SIZE, shading="local")
+    assert plan.shadow_map is None and "no visibility of lights" in reasons["shadow_map"].why
+    assert plan_for(scene, CAMERA, **SIZE)[0].shadow_map is not None
+
+
+def test_a_batch_gets_the_union():
+    """Leading axes of cameras, lights, materials and vertices: what any member needs is planned."""
+    caster = meshed(GROUND, plane(1.5, 1.0, 1.5), directional=[(DOWN, 1.0)])
+    sees, sees_not = small.camera(), small.camera(eye=(-1.5, 3.0, -1.5), target=(-1.5, 0.0, -1.4), fov_y=20.0)
+
+    def stack(*records):
+        """One record of several that share their integers."""
+        return jax.tree.map(lambda a, *b: jnp.stack([a, *b]) if a.dtype == jnp.float32 else a, *records)
+
+    verdicts = [plan_for(caster, c, **SIZE)[1]["shadow_map"].on for c in (sees, sees_not, stack(sees_not, sees))]
+    assert verdicts == [True, False, True]
+
+    dark, sun = small.scene(), small.scene(directional=[(DOWN, 1.0), (DOWN, 3.0)])
+    batch = dataclasses.replace(dark, lights=stack(dark.lights, sun.lights))
+    plan, reasons = plan_for(batch, CAMERA, **SIZE)
+    assert plan.light_kinds == ("directional",) and plan.shadow_map.light == 1
+    assert reasons["light directional"].why == "2 in the scene"
+
+    glowing = small.scene(white("emissive"))
+    black = dataclasses.replace(glowing.materials, emissive=dark.materials.emissive)
+    batch = dataclasses.replace(glowing, materials=stack(black, glowing.materials))
+    plan, reasons = plan_for(batch, CAMERA, **SIZE)
+    assert plan.emission is not None and plan.texture_slots == ("emissive",)
+    assert reasons["texture emissive"].why == "fetched by 1 material"
+
+    far = dataclasses.replace(caster, mesh=meshed(GROUND, plane(9.0, 1.0)).mesh)
+    for members, on in (((far, far), False), ((far, caster), True)):
+        batch = dataclasses.replace(far, mesh=stack(*(member.mesh for member in members)))
+        assert plan_for(batch, CAMERA, **SIZE)[1]["shadow_map"].on is on
+
+
+def test_the_reasons_in_words():
+    scene = small.scene(white("emissive", 0.0), directional=[(SLANTED, 1.0)], sky=1.0)
+    lines = explain(needs(scene, emission=None)).splitlines()
+    assert len({line.index(name) for line, name in zip(lines, ("cull", "texture base_color"))}) == 1
+    assert lines == [
+        "on   cull                        some material in use is single-sided",
+        "off  texture base_color          no material in use has such a texture",
+        "off  texture metallic_roughness  no material in use has such a texture",
+        "off  texture normal              no material in use has such a texture",
+        "off  texture occlusion           no material in use has such a texture",
+        "off  texture emissive            every such texture is multiplied by emissive of zero",
+        "on   light directional           2 in the scene",
+        "off  light point                 2 in the scene, all black",
+        "off  light spot                  2 in the scene, all black",
+        "on   shadow_map                  something stands between light 0 and a surface in view",
+        "off  emission                    as asked for",
+        "on   ambient                     the environment has light",
+        "on   background                  the environment has light",
+        "off  dither                      only on request",
+    ]
+    assert explain({}) == ""
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_effect_of_a_built_in_scene_has_a_reason(name):
+    scene, camera = SCENES[name]()
+    plan, reasons = plan_for(scene, camera, width=64, height=48)
+    assert all(isinstance(reason, Reason) and reason.why and "\n" not in reason.why for reason in reasons.values())
+    for field in ("shadow_map", "emission", "ambient", "background", "dither"):
+        assert (getattr(plan, field) is not None) == reasons[field].on
+    assert plan.cull == reasons["cull"].on
+    assert plan.texture_slots == tuple(slot for slot in TEXTURE_SLOTS if reasons[f"texture {slot}"].on)
+    assert plan.light_kinds == tuple(kind for kind in LIGHT_KINDS if reasons[f"light {kind}"].on)
+    assert (plan.width, plan.height) == (64, 48)
+
+
+def full(scene: Scene) -> Plan:
+    """Everything on; the shadow is that of the light that the planner would choose."""
+    strongest = int(np.argmax(np.abs(scene.lights.directional.irradiance).sum(axis=-1)))
+    return Plan(**SIZE, shadow_map=ShadowMap(light=strongest))
+
+
+EVERY = {f"{slot}_texture": NORMAL_TEXTURE if slot == "normal" else COLOUR_TEXTURE for slot in TEXTURE_SLOTS}
+BLACK = {"base_color": (0.0, 0.0, 0.0), "emissive": (0.0, 0.0, 0.0), "occlusion_strength": 0.0}
+GLOWS = {"emissive": (0.3, 0.2, 0.1)}
+# Few ways to combine textures, for each costs a compilation: rows for the floor and the others.
+MATERIALS = {
+    "bare": [{}, GLOWS, {}, {}, {}],
+    "textured": [{**EVERY, **GLOWS}, {}, EVERY, EVERY, EVERY],
+    "black under textures": [{**EVERY, **BLACK}] * 5,
+    "textures unused": [{}, {}, {}, {}, {**EVERY, **GLOWS}],
+}
+unit = st.floats(-1.0, 1.0, width=32)
+scenes = st.fixed_dictionaries(
+    {
+        "materials": st.sampled_from(sorted(MATERIALS)),
+        "knobs": st.fixed_dictionaries(
+            {"metallic": st.sampled_from([0.0, 0.4, 1.0]), "double_sided": st.booleans()},
+        ),
+        "sun": st.sampled_from([0.0, 0.0, 2.0, 3.0, 4.0]),
+        "second": st.sampled_from([0.0, 3.5]),
+        "aim": st.tuples(unit, st.sampled_from([-1.0, -1.0, -1.0, 1.0]), unit),
+        "lamps": st.sampled_from([0.0, 5.0]),
+        "sky": st.sampled_from([0.0, 0.4]),
+        "ground": st.sampled_from([0.0, 0.2]),
+        "box": st.sampled_from([(-0.6, 0.7, 0.0), (-4.0, 0.5, 0.0), (0.3, -1.0, 0.0), (0.0, 9.0, 3.0), AWAY]),
+        "card": st.sampled_from([(1.5, 0.6, 0.5), (3.0, 0.5, 3.0), (0.0, -2.0, 0.0), AWAY]),
+        "wall": st.sampled_from([(0.0, 2.0, -2.0), (0.0, -2.5, -1.0), AWAY]),
+        "shift": st.tuples(unit, unit, unit),
+        "fov_y": st.sampled_from([12.0, 45.0]),
+    }
+)
+
+
+def build(values: dict):
+    def near(place):
+        return tuple(np.add(place, np.multiply(0.2, values["shift"])))
+
+    tilt = (values["aim"][0] * 0.8, values["aim"][1], values["aim"][2] * 0.8)
+    scene = small.scene(
+        [{**row, **values["knobs"]} for row in MATERIALS[values["materials"]]],
+        {WALL: near(values["wall"]), CARD: near(values["card"]), BOX: near(values["box"])},
+        directional=[(tilt, values["sun"]), ((0.3, -1.0, 0.1), values["second"])],
+        point=[((0.5, 2.0, 1.5), values["lamps"])],
+        spot=[((-1.0, 2.5, 1.0), (0.3, -1.0, -0.4), values["lamps"])],
+        sky=values["sky"],
+        ground=values["ground"],
+    )
+    return scene, small.camera(eye=near((1.0, 2.0, 4.0)), target=(0.2, 0.3, 0.0), fov_y=values["fov_y"])
+
+
+def assert_same_picture(scene, camera, plan):
+    seen, expected = small.render(scene, camera, plan), small.render(scene, camera, full(scene))
+    np.testing.assert_array_equal(seen.visibility.face, expected.visibility.face)
+    np.testing.assert_allclose(seen.hdr, expected.hdr, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(seen.image, expected.image, atol=1e-6)
+
+
+def test_the_picture_is_that_with_everything_on():
+    """Over random scenes; and in these, every effect is planned in some and left out in others."""
+    met = set()
+
+    @hypothesis.settings(max_examples=30, derandomize=True, deadline=None, database=None)
+    @hypothesis.given(scenes)
+    def check(values):
+        scene, camera = build(values)
+        plan, reasons = plan_for(scene, camera, **SIZE)
+        met.update((name, reason.on) for name, reason in reasons.items())
+        assert_same_picture(scene, camera, plan)
+
+    check()
+    missing = {(name, on) for name in needs(small.scene()) for on in (True, False)} - met
+    assert missing == {("dither", True)}
+
+
+GRADIENTS = {
+    "all light is black": (("materials.emissive", "irradiance", "intensity", "sky", "ground"), {}),
+    "all factors are black": (
+        ("base_color", "materials.emissive", "occlusion_strength"),
+        {
+            "rows": [{**EVERY, **BLACK}] * 5,
+            "directional": [(SLANTED, 2.0)],
+            "sky": 0.4,
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("case", GRADIENTS)
+def test_the_gradient_is_that_with_everything_on(case):
+    """In leaves whose value is zero, for which the plan without `wrt` would have none."""
+    wrt, options = GRADIENTS[case]
+    scene = small.scene(**options)
+    values, rebuild = parameters(scene, wrt)
+    assert all((np.asarray(value)[..., :3] == 0).all() for value in values.values())
+    weights = jnp.asarray(np.random.default_rng(5).uniform(0.5, 1.5, (HEIGHT, WIDTH, 3)), jnp.float32)
+
+    def gradient(plan):
+        return jax.grad(lambda v: (small.render(rebuild(v), CAMERA, plan).hdr * weights).sum())(values)
+
+    planned, expected = (gradient(plan) for plan in (plan_for(scene, CAMERA, **SIZE, wrt=wrt)[0], full(scene)))
+    for name in values:
+        scale = np.abs(expected[name]).max()
+        assert scale > 0, name
+        np.testing.assert_allclose(planned[name], expected[name], atol=1e-5 * scale, err_msg=name)
