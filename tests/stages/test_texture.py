@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference import texture as twin
+from reference.visibility import faces_seen, visible
 
 from jaxraster.geometry.shapes import plane
 from jaxraster.math.transform import orbit, perspective
@@ -15,7 +16,6 @@ from jaxraster.scenes.parts import environment, lights, materials
 from jaxraster.surface.gather import gather
 from jaxraster.surface.texture import texture
 from jaxraster.visibility.project import project
-from jaxraster.visibility.raster import rasterize
 
 WRAPS = [(u, v) for u in (REPEAT, CLAMP, MIRROR) for v in (REPEAT, CLAMP, MIRROR)]
 # (height, width): odd, single texels and rows, powers of two; the first nine differ in wrapping only.
@@ -308,7 +308,7 @@ def drawn():
     uvs = jnp.array([[0.0, 0.0], [1.5, 0.25], [0.125, 1.0], [1.75, 1.25]])
     camera = Camera(world_from_view=orbit(0.5, 0.8, 1.2), clip_from_view=perspective(1.0))
     clip = project(mesh.vertices, camera, **SIZE)
-    visibility = rasterize(clip, mesh.faces, **SIZE)
+    visibility = visible(clip, mesh.faces, faces_seen(clip, mesh.faces, **SIZE))
 
     @jax.jit
     def draw(shift, wrap):
