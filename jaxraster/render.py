@@ -51,8 +51,7 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
 
     # Look up what lies there.
     with jax.named_scope("surface"):
-        fetches = {"textured": bool(plan.texture_slots), "normal_mapped": "normal" in plan.texture_slots}
-        fragment = gather(scene, visibility, clip, camera, **fetches)
+        fragment = gather(scene, visibility, clip, camera)
         surface = material(fragment, scene.materials, scene.textures, plan.texture_slots)
 
     # Light it, keeping the paths apart.

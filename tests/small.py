@@ -66,7 +66,7 @@ def camera(eye=(1.0, 2.0, 4.0), target=(0.0, 0.8, 0.0), fov_y=45.0) -> Camera:
 _module = importlib.import_module("jaxraster.render")
 _STAGES = {
     "project": ("height", "width"),
-    "gather": ("textured", "normal_mapped"),
+    "gather": (),
     "material": ("slots",),
     "shadow_map": (),
     "ambient": (),

@@ -174,7 +174,7 @@ def plan_for(
     reasons["background"] = Reason(lit, f"the environment {tones}")
     reasons["dither"] = Reason(False, "only on request")
 
-    chosen = {
+    chosen: dict[str, Any] = {
         "cull": reasons["cull"].on,
         "texture_slots": tuple(slot for slot in TEXTURE_SLOTS if reasons[f"texture {slot}"].on),
         "light_kinds": tuple(kind for kind in LIGHT_KINDS if reasons[f"light {kind}"].on),

@@ -19,7 +19,7 @@ from ..visibility.barycentric import combine, footprint, interpolate, rows
 class Fragment:
     """Interpolated geometry per pixel; vectors are unit but for the tangent, which `normal_map` straightens.
 
-    `footprint` is ∂uv/∂(pixel right, down), None where no texture is fetched; `tangent` None where no normal map is.
+    `footprint` is ∂uv/∂(pixel right, down).
     """
 
     mask: Bool[Array, "*b"]
@@ -27,10 +27,10 @@ class Fragment:
     position: Float[Array, "*b 3"]
     normal: Float[Array, "*b 3"]
     geometric_normal: Float[Array, "*b 3"]
-    tangent: Float[Array, "*b 4"] | None
+    tangent: Float[Array, "*b 4"]
     view: Float[Array, "*b 3"]
     uv: Float[Array, "*b 2"]
-    footprint: Float[Array, "*b 2 2"] | None
+    footprint: Float[Array, "*b 2 2"]
 
 
 def _uvs_near_origin(scene: Scene) -> Float[Array, "f 6"]:
@@ -48,41 +48,32 @@ def _uvs_near_origin(scene: Scene) -> Float[Array, "f 6"]:
     return (corners - shift[:, None, :]).reshape(-1, 6)
 
 
+def _unless_zero(vectors, otherwise):
+    return jnp.where(safe.dot(vectors, vectors)[..., None] > 0, vectors, otherwise)
+
+
 def view_direction(position: Float[Array, "*b 3"], camera: Camera) -> Float[Array, "*b 3"]:
     """Unit vectors towards the viewer: to the eye, or backwards for a parallel projection."""
     eye, back = (jnp.broadcast_to(camera.world_from_view[:3, i], position.shape) for i in (3, 2))
     perspective = camera.clip_from_view[3, 2] != 0
-    return safe.normalize(jnp.where(perspective, eye - position, back))
+    return _unless_zero(safe.normalize(jnp.where(perspective, eye - position, back)), back)
 
 
-def gather(
-    scene: Scene,
-    visibility: Visibility,
-    clip: Float[Array, "v 4"],
-    camera: Camera,
-    *,
-    textured: bool = True,
-    normal_mapped: bool = True,
-) -> Fragment:
-    """Fetch and interpolate; normals are turned to face the viewer. Footprints and tangents only if asked for."""
+def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], camera: Camera) -> Fragment:
+    """Fetch and interpolate; normals are turned to face the viewer. Under `jit`, what is not read is not computed."""
     mesh, face = scene.mesh, visibility.face
     mask = face >= 0
 
-    def present(values, background):
-        # Give the background a unit vector, so that nothing downstream meets a zero one.
-        return jnp.where(mask[..., None], values, jnp.broadcast_to(jnp.array(background, values.dtype), values.shape))
-
     position = interpolate(mesh.vertices, mesh.faces, visibility)
     view = view_direction(position, camera)
-    normal = present(safe.normalize(interpolate(mesh.normals, mesh.faces, visibility)), (0, 0, 1))
-    flat = rows(face_normals(mesh.vertices, mesh.faces), face, jnp.array([0, 0, 1], normal.dtype))
+    # Where there is no surface, or none with a direction, face the viewer: nothing downstream meets a zero vector.
+    flat = _unless_zero(rows(face_normals(mesh.vertices, mesh.faces), face, jnp.zeros(3, view.dtype)), view)
+    normal = _unless_zero(safe.normalize(interpolate(mesh.normals, mesh.faces, visibility)), flat)
     turn = jnp.where(safe.dot(flat, view) < 0, -1.0, 1.0).astype(normal.dtype)[..., None]
 
     uv_corners = rows(_uvs_near_origin(scene), face, jnp.zeros(6, mesh.uvs.dtype))
     # Seen from behind, the mapped normal is the opposite of the front's: turn all axes, and the sign with them.
-    tangent = (
-        turn * present(interpolate(mesh.tangents, mesh.faces, visibility), (1, 0, 0, 1)) if normal_mapped else None
-    )
+    tangent = turn * interpolate(mesh.tangents, mesh.faces, visibility)
     material = mesh.material.at[jnp.maximum(face, 0)].get(mode="clip")
     return Fragment(
         mask=mask,
@@ -93,5 +84,5 @@ def gather(
         tangent=tangent,
         view=view,
         uv=combine(uv_corners, visibility.barycentric),
-        footprint=footprint(uv_corners, clip, mesh.faces, visibility) if textured else None,
+        footprint=footprint(uv_corners, clip, mesh.faces, visibility),
     )
