@@ -57,7 +57,10 @@ def drawn():
 
     def at_ratio(w_ratio):
         clip = random_clip(int(np.log10(w_ratio)), w_ratio)
-        return clip, attributes, draw(jnp.asarray(clip), jnp.asarray(attributes), faces_seen(clip, FACES, **SIZE))
+        # Widen every patch of faces by a pixel: coverage may pass a true edge, by far less, and β must bear it.
+        face = faces_seen(clip, FACES, **SIZE)
+        face = jnp.where(face < 0, jnp.roll(face, 1, axis=1), face)
+        return clip, attributes, draw(jnp.asarray(clip), jnp.asarray(attributes), face)
 
     return {ratio: at_ratio(ratio) for ratio in (1.0, 10.0, 1e6)}
 
@@ -92,12 +95,12 @@ def test_barycentrics_lie_on_the_simplex(drawn, ratio):
 
 @pytest.mark.parametrize(("ratio", "bound"), [(1.0, 2e-5), (10.0, 1e-4), (1e6, 2e-3)])
 def test_barycentrics_agree_with_double_precision(drawn, ratio, bound):
-    """Outside its true triangle, by up to 1/256 pixel of snapping, β is clamped; elsewhere only rounding is left."""
+    """Outside its true triangle β is clamped; elsewhere only rounding is left."""
     clip, _, (visibility, _, _) = drawn[ratio]
     rows, columns, corners = covered(clip, visibility)
     exact = exact_barycentric(corners, columns + 0.5, rows + 0.5)
     inside = (exact >= 0).all(axis=-1)
-    assert inside.mean() > 0.98
+    assert 0.8 < inside.mean() < 1
     error = np.abs(np.asarray(visibility.barycentric)[rows, columns] - exact).max(axis=-1)[inside]
     print(f"w ratio {ratio:g}: largest error {error.max():.1e}, median {np.median(error):.1e}")
     assert error.max() < bound and np.median(error) < 1e-6
@@ -343,7 +346,7 @@ def test_textures_multiply_their_factors_channel_by_channel(see):
 
 
 def test_every_face_has_its_own_material(see):
-    fragment, surface = see(TEXTURED, ROW, numbers=(0, 1))
+    fragment, surface = see(TEXTURED, ROW, numbers=(1, 0))
     number, mask = np.asarray(fragment.material), np.asarray(surface.mask)
     assert (number[mask] == 0).any() and (number[mask] == 1).any() and (number[~mask] == 0).all()
     plain = mask & (number == 1)
@@ -387,14 +390,23 @@ def test_from_behind_the_normal_is_the_fronts_negative(see):
         assert (np.asarray(jnp.sum(surface.normal * surface.view, axis=-1))[mask] > 0.5).all()
 
 
-def test_views_of_parallel_projections_are_parallel():
+def test_mapped_normals_are_bent_towards_a_grazing_view(see):
+    """The map leans away from an eye on the left, the square itself does not."""
+    fragment, surface = see(TEXTURED, ROW, eye=(-2.0, 0.0, 0.2))
+    mask = np.asarray(surface.mask)
+    cosine = np.asarray(jnp.sum(surface.normal * surface.view, axis=-1))[mask]
+    assert mask.sum() > 20 and cosine.min() > 0.99 * MIN_N_DOT_V and cosine.min() < 2 * MIN_N_DOT_V
+    assert np.asarray(jnp.sum(fragment.normal * fragment.view, axis=-1))[mask].min() > 0.05
+
+
+def test_views_of_parallel_projections_are_parallel_and_at_the_eye_point_back():
     view = look_at(jnp.array([3.0, 4.0, 0.0]), jnp.zeros(3))
     places = jnp.array([[0.0, 0.0, 0.0], [100.0, -7.0, 3.0], [3.0, 4.0, 0.0]])
     flat = Camera(world_from_view=view, clip_from_view=orthographic(1.0, 0.1, 10.0))
     np.testing.assert_allclose(view_direction(places, flat), [[0.6, 0.8, 0]] * 3, atol=1e-6)
     pinhole = replace(flat, clip_from_view=perspective(1.0))
     there = np.array([-97, 11, -3]) / np.linalg.norm([-97, 11, -3])
-    np.testing.assert_allclose(view_direction(places, pinhole), [[0.6, 0.8, 0], there, [0, 0, 0]], atol=1e-6)
+    np.testing.assert_allclose(view_direction(places, pinhole), [[0.6, 0.8, 0], there, [0.6, 0.8, 0]], atol=1e-6)
 
 
 # -- Where nothing is --------------------------------------------------------------------------------------------------
@@ -415,14 +427,16 @@ def total(see):
 VIEW = Camera(world_from_view=look_at(jnp.array([0.3, 0.2, 2.0]), jnp.zeros(3)), clip_from_view=perspective(0.8))
 
 
-def test_background_pixels_are_finite_and_have_unit_vectors(see):
+def test_background_pixels_are_finite_and_face_the_viewer(see):
     fragment, surface = see(TEXTURED, ROW)
     nothing = ~np.asarray(surface.mask)
     assert nothing.any()
     for leaf in jax.tree.leaves((fragment, surface)):
         assert np.isfinite(np.asarray(leaf, np.float32)).all()
-    for name in ("normal", "geometric_normal", "view"):
-        np.testing.assert_allclose(np.linalg.norm(np.asarray(getattr(surface, name))[nothing], axis=-1), 1, atol=1e-6)
+    view = np.asarray(surface.view)[nothing]
+    np.testing.assert_allclose(np.linalg.norm(view, axis=-1), 1, atol=1e-6)
+    for vectors in (fragment.normal, surface.geometric_normal, surface.normal):
+        np.testing.assert_array_equal(np.asarray(vectors)[nothing], view)
     assert (np.asarray(fragment.footprint)[nothing] == 0).all() and (np.asarray(surface.alpha)[nothing] > 0).all()
 
 
