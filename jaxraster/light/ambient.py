@@ -2,8 +2,9 @@
 
 Diffuse: irradiance over π is ground + (sky - ground)·(1 + n·up)/2, exact for two half spaces. Specular: the tone a lobe
 of width alpha about the mirror direction r gathers, times the lobe's directional albedo. The sky's share of that lobe
-is ½ + ½ r·up / √((r·up)² + α² (1 - (r·up)²)): a step for a mirror and the cosine's (1 + r·up)/2 at alpha = 1, both
-exact. Radiance in cd/m². Does not affect: direct light.
+is ½ + ½ r·up / √((r·up)² + w² (1 - (r·up)²)) with w = 2α/(1 + α), for mirroring doubles a half vector's tilt: a step
+for a mirror and the cosine's (1 + r·up)/2 at alpha = 1, both exact, and between them off the GGX lobe seen head on by
+at most 0.01 (measured by the tests). Radiance in cd/m². Does not affect: direct light.
 
 Gradient: exact in tones, normal, view and material.
 Source: hemisphere lighting as in Baker & Boyd 2001; the blend between its two exact ends is ours.
@@ -28,8 +29,9 @@ class Ambient:
 
 def sky_share(cosine: Float[Array, "*b"], alpha: Float[Array, "*b"]) -> Float[Array, "*b"]:
     """The sky's share of a lobe of width alpha whose axis makes `cosine` with up. Gradient: exact for alpha > 0."""
-    a2 = alpha * alpha
-    return 0.5 + 0.5 * safe.divide(cosine, safe.sqrt(cosine * cosine * (1.0 - a2) + a2))
+    width = 2.0 * alpha / (1.0 + alpha)
+    w2 = width * width
+    return 0.5 + 0.5 * safe.divide(cosine, safe.sqrt(cosine * cosine * (1.0 - w2) + w2))
 
 
 def tones(environment: Environment, direction: Float[Array, "*b 3"], alpha: Float[Array, "*b"]) -> Float[Array, "*b 3"]:

@@ -3,9 +3,10 @@
 A light is seen from a surface as a unit direction l and an irradiance at normal incidence: lux for directional ones,
 candela · window(d) · cone / d² for the others. Linear Rec.709; radiance comes out in cd/m².
 
-window(d) = clamp(1 - (d/range)⁴, 0, 1); cone = clamp((cos θ - cos outer) / (cos inner - cos outer), 0, 1)².
+window(d) = 1 - min(d/range, 1)⁴; cone = clamp((cos θ - cos outer) / (cos inner - cos outer), 0, 1)².
 
-Gradient: exact in lights and surface; 0 outside range and cone, and where the light sits on the surface.
+Gradient: exact in lights and surface; 0 outside range and cone, where the light sits on the surface, and in a range
+that is infinite.
 Source: KHR_lights_punctual.
 """
 
@@ -22,6 +23,8 @@ from ..scene import Directional, Lights, Point, Spot
 
 # The specification leaves a cone with inner = outer to the reader; a thousandth keeps the edge's slope bounded.
 MIN_CONE = 1e-3
+# Within ten nanometres a light sits on the surface: the 1/d⁴ of the derivative would overflow.
+MIN_SQUARE = 1e-16
 
 Arriving = tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]
 
@@ -37,7 +40,9 @@ def point(surface: Surface, light: Point | Spot) -> Arriving:
     away = jnp.broadcast_to(light.position, surface.position.shape) - surface.position
     l = safe.normalize(away)
     square = safe.dot(away, away)
-    window = jnp.clip(1.0 - (square / (light.range * light.range)) ** 2, 0.0, 1.0)
+    square = jnp.where(square > MIN_SQUARE, square, 0.0)
+    # Divide twice: the derivative of 1/range² at infinity would be 0 · inf.
+    window = 1.0 - jnp.minimum(square / light.range / light.range, 1.0) ** 2
     falloff = safe.divide(window, square)[..., None]
     return l, falloff * jnp.broadcast_to(light.intensity, surface.position.shape)
 
