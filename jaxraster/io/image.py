@@ -1,4 +1,4 @@
-"""8-bit and 16-bit pictures: PNG and JPEG in, PNG and JPEG out."""
+"""8-bit and 16-bit pictures: PNG, JPEG and WebP in, PNG and JPEG out."""
 
 import os
 import warnings
@@ -7,28 +7,46 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt
 
-from ..errors import InputError, LimitError, OutputError
+from ..errors import Error, InputError, LimitError, OutputError
+from . import png
 from .disk import Path, check_file, read_file, write_file
 
 
-def read_image(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h w 4"]:
-    """RGBA in [0, 1] of a PNG or JPEG, still encoded as in the file: grey is repeated, absent alpha is 1.
-
-    Grey keeps its 16 bits; 16-bit colour comes with its upper 8. Profiles and orientation tags are ignored, as glTF
-    demands. `name` is what errors call a picture given as bytes.
-    """
+def _decode(data: bytes, name: str) -> UInt[np.ndarray, "h w 4"]:
+    """The RGBA codes of a PNG, JPEG or WebP, of 16 bits where the file has these."""
     import imageio.v3 as iio
 
+    header = png.read_header(data, name) if data.startswith(png.MAGIC) else None
+    if header and header.depth == 16:
+        return png.read_16_bits(data, header)
+    height, width = iio.improps(data, plugin="pillow", index=0).shape[:2]
+    png.check_size(width, height, name)
+    # Ask for the first frame: an animated PNG would give all.
+    codes = iio.imread(data, plugin="pillow", mode="RGBA", index=0)
+    if header and header.kind == png.GREY and header.depth in (2, 4):
+        codes[codes[..., 0] == png.transparent_grey(data, header), 3] = 0
+    return codes
+
+
+def read_image(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h w 4"]:
+    """RGBA in [0, 1] of a PNG, JPEG or WebP, still encoded as in the file: grey is repeated, absent alpha is 1.
+
+    16-bit PNG keeps all its bits. Of an animated PNG comes the first frame. Profiles, gamma and orientation tags are
+    ignored, as glTF demands. `name` is what errors call a picture given as bytes.
+    """
     data, name = (source, name) if isinstance(source, bytes) else (read_file(source), name or os.fspath(source))
-    if not data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")):
-        raise InputError(name, "", "is not a PNG or JPEG; export the picture again")
+    if not data.startswith((png.MAGIC, b"\xff\xd8\xff")) and (data[:4], data[8:12]) != (b"RIFF", b"WEBP"):
+        raise InputError(name, "", "is not a PNG, JPEG or WebP; export the picture again")
+    # A damaged animation of 200 bytes can keep its decoder busy for half a minute.
+    if data[12:16] == b"VP8X" and data[20:21] and data[20] & 2:
+        raise InputError(name, "", "is an animation; export a single picture")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            if iio.immeta(data, plugin="pillow")["mode"].startswith("I"):
-                grey = iio.imread(data, plugin="pillow")[..., None].astype(np.float32) / np.float32(65535)
-                return np.concatenate([grey, grey, grey, np.ones_like(grey)], axis=-1)
-            return iio.imread(data, plugin="pillow", mode="RGBA").astype(np.float32) / np.float32(255)
+            # Let no warning about broken tags, which are ignored, refuse the pixels.
+            warnings.simplefilter("ignore")
+            codes = _decode(data, name)
+    except Error:
+        raise
     # The decoder reports broken files by SyntaxError, OSError, ValueError, struct.error, even AttributeError.
     except Exception as error:
         root = error
@@ -36,7 +54,11 @@ def read_image(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h 
             root = root.__cause__
         if "DecompressionBomb" in type(root).__name__:
             raise LimitError(name, "", f"is too large: {str(root).rstrip('.')}; scale it down") from error
-        raise InputError(name, "", f"is broken: {root}; export the picture again") from error
+        # Quote what was meant for people; the rest names objects and buffers of the decoder.
+        told = isinstance(root, OSError | SyntaxError | ValueError) and "<_io" not in str(root)
+        reason = " ".join(str(root).split()).rstrip(".") if told else "its data are damaged"
+        raise InputError(name, "", f"is broken: {reason}; export the picture again") from error
+    return np.true_divide(codes, np.float32(np.iinfo(codes.dtype).max), dtype=np.float32)
 
 
 def srgb_to_linear(image: Float[np.ndarray, "*b c"]) -> Float[np.ndarray, "*b c"]:
@@ -50,11 +72,13 @@ def srgb_to_linear(image: Float[np.ndarray, "*b c"]) -> Float[np.ndarray, "*b c"
     return np.concatenate([linear, image[..., 3:]], axis=-1).astype(image.dtype)
 
 
-def _codes(image) -> UInt[np.ndarray, "..."]:
-    """The integer codes of an image: floats clipped to [0, 1] and rounded to even 8-bit codes, integers as they are."""
+def _codes(image, bits: int) -> UInt[np.ndarray, "..."]:
+    """The integer codes of an image: floats clipped to [0, 1] and rounded to even, integers as they are."""
     image = np.asarray(image)
     if image.ndim not in (2, 3) or 0 in image.shape or image.shape[2:] not in ((), (3,), (4,)):
         raise ValueError(f"image: expected [h, w], [h, w, 3] or [h, w, 4], got shape {list(image.shape)}")
+    if bits not in (8, 16):
+        raise ValueError(f"bits: expected 8 or 16, got {bits}")
     if image.dtype in (np.uint8, np.uint16):
         return image
     if not jnp.issubdtype(image.dtype, jnp.floating):
@@ -62,15 +86,15 @@ def _codes(image) -> UInt[np.ndarray, "..."]:
     image = image.astype(np.float32)
     if bad := int(np.isnan(image).sum()):
         raise ValueError(f"image: {bad} of {image.size} values are NaN; mask them, or find out where they come from")
-    return np.rint(255 * np.clip(image, 0, 1)).astype(np.uint8)
+    return np.rint((2**bits - 1) * np.clip(image, 0, 1)).astype(f"uint{bits}")
 
 
 def _png(codes: UInt[np.ndarray, "h w *c"]) -> bytes:
-    """A PNG file of 8 bits a channel, or of 16 bits of grey."""
+    """A PNG file of 8 or 16 bits a channel, as the codes have."""
     import imageio.v3 as iio
 
-    if codes.dtype == np.uint16 and codes.ndim == 3:
-        raise ValueError(f"image: PNG holds 8 bits or 16-bit grey, got uint16 {list(codes.shape)}; write 8 bits")
+    if codes.dtype == np.uint16:
+        return png.encode_16_bits(codes.reshape(*codes.shape[:2], -1))
     return iio.imwrite("<bytes>", codes, plugin="pillow", extension=".png")
 
 
@@ -100,11 +124,11 @@ def check_writable(path: Path) -> None:
     check_file(path)
 
 
-def write_image(path: Path, image) -> None:
+def write_image(path: Path, image, *, bits: int = 8) -> None:
     """Write display-encoded `[h, w]`, `[h, w, 3]` or `[h, w, 4]` as PNG or JPEG, whichever the suffix says.
 
-    Floats are clipped to [0, 1] and rounded to 8 bits; uint8 and uint16 (PNG only) are written as they are. NaN is a
-    `ValueError`. The file is replaced in one step: whatever fails, an old picture of that name stays.
+    Floats are clipped to [0, 1] and rounded to 8 or (PNG only) 16 `bits`; uint8 and uint16 are written as they are.
+    NaN is a `ValueError`. The file is replaced in one step: whatever fails, an old picture of that name stays.
     """
     encode = _encoder(path)
-    write_file(path, encode(_codes(image)))
+    write_file(path, encode(_codes(image, bits)))

@@ -1,0 +1,114 @@
+"""What imageio leaves out of PNG: 16 bits of colour, transparent greys of 2 and 4 bits, and a guard against bombs.
+
+Pillow, below imageio, unpacks 16-bit colour to 8 bits, and no other package required here reads it. Yet its decoder
+can be asked for either byte of a sample, the first by "RGB;16B" and the second by "RGB;16L": two passes of it give
+all bits, with its inflating, unfiltering and interlacing. Writing 16 bits takes no decoder, only zlib.
+
+Source: W3C, "Portable Network Graphics (PNG) Specification (Third Edition)".
+"""
+
+import io
+import struct
+import zlib
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt16
+
+from ..errors import InputError, LimitError
+
+MAGIC = b"\x89PNG\r\n\x1a\n"
+MOST_PIXELS = 2**26  # of a PNG, JPEG or WebP: 8192 x 8192, which take 1 GiB as float32 RGBA
+LONGEST_SIDE = 2**14
+MOST_DEFLATED = 1032  # bytes that a byte of zlib's format can stand for
+GREY, GREY_ALPHA = 0, 4
+CHANNELS = {GREY: 1, 2: 3, 3: 1, GREY_ALPHA: 2, 6: 4}
+
+
+class Header(NamedTuple):
+    """What a PNG says of itself: bits a sample, and the kind of its pixels (0, 2, 3, 4 or 6)."""
+
+    width: int
+    height: int
+    depth: int
+    kind: int
+
+
+def check_size(width: int, height: int, name: str) -> None:
+    """Refuse a picture that is larger than any is read, whatever its format, before it is decoded."""
+    if width * height > MOST_PIXELS or max(width, height) > LONGEST_SIDE:
+        most = f"at most {MOST_PIXELS} with sides up to {LONGEST_SIDE} are read"
+        raise LimitError(name, "", f"is too large: {width} x {height} pixels; {most}; scale it down")
+
+
+def read_header(data: bytes, name: str) -> Header:
+    """The header of a PNG that claims no more pixels than are read, nor than its bytes could hold."""
+    if data[12:16] != b"IHDR" or len(data) < 26:
+        raise InputError(name, "", "is broken: its header is missing; export the picture again")
+    header = Header(*struct.unpack(">IIBB", data[16:26]))
+    claimed = header.width * header.height * header.depth * CHANNELS.get(header.kind, 1) // 8
+    # Leave small claims to the decoder, which finds what is missing.
+    if claimed > max(2**20, MOST_DEFLATED * len(data)):
+        claim = f"header claims {claimed >> 20} MB from a {len(data)} byte file"
+        raise LimitError(name, "", f"{claim}; export the picture again")
+    check_size(header.width, header.height, name)
+    return header
+
+
+def _decode(data: bytes, rawmode: str | None = None) -> tuple[np.ndarray, dict]:
+    """Pillow's pixels, unpacked as `rawmode` says instead of its own choice, and what it found beside them."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
+        if not picture.tile:
+            raise OSError("it has no pixels")
+        if rawmode:
+            picture.tile = [picture.tile[0]._replace(args=rawmode)]
+        return np.asarray(picture), picture.info
+
+
+def read_16_bits(data: bytes, header: Header) -> UInt16[np.ndarray, "h w 4"]:
+    """RGBA codes of a PNG of 16 bits a sample; a colour that it declares transparent gets alpha 0."""
+    if header.kind == GREY:
+        grey, info = _decode(data)
+        codes = grey.astype(np.uint16)[..., None]
+    elif header.kind == GREY_ALPHA:
+        # Take the four bytes of grey and alpha as they stand.
+        pairs, info = _decode(data, "RGBA")
+        codes = np.ascontiguousarray(pairs).view(">u2").astype(np.uint16)
+    else:
+        mode = "RGBA" if CHANNELS[header.kind] == 4 else "RGB"
+        (high, info), (low, _) = _decode(data, f"{mode};16B"), _decode(data, f"{mode};16L")
+        codes = high.astype(np.uint16) << np.uint16(8) | low
+
+    rgba = np.full((*codes.shape[:2], 4), 65535, np.uint16)
+    if codes.shape[2] % 2:
+        rgba[..., :3] = codes
+        rgba[(codes == info.get("transparency", -1)).all(axis=-1), 3] = 0
+    else:
+        rgba[..., :3], rgba[..., 3] = codes[..., :-1], codes[..., -1]
+    return rgba
+
+
+def transparent_grey(data: bytes, header: Header) -> int:
+    """The 8-bit code of the shade that a 2- or 4-bit grey declares transparent, or a negative number for none."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
+        return picture.info.get("transparency", -1) * (255 // (2**header.depth - 1))
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def encode_16_bits(codes: UInt16[np.ndarray, "h w c"]) -> bytes:
+    """A PNG file of 1, 3 or 4 channels of 16 bits."""
+    height, width, channels = codes.shape
+    rows = np.frombuffer(codes.astype(">u2").tobytes(), np.uint8).reshape(height, -1)
+    # Store every row as its difference to the one above, which the format calls filter 2.
+    filtered = np.full((height, 1 + rows.shape[1]), 2, np.uint8)
+    filtered[:, 1:] = np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1]))
+    header = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 3: 2, 4: 6}[channels], 0, 0, 0)
+    body = zlib.compress(filtered.tobytes())
+    return MAGIC + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b"")
