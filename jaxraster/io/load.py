@@ -1,17 +1,21 @@
-"""Any supported file as a scene and a camera, and pictures back to files."""
+"""Any supported file as a scene and a camera, or as light, and pictures back to files."""
 
 import os
 import warnings
 from collections.abc import Iterable
 
 import numpy as np
+from jaxtyping import Float
 
 from ..errors import AssetWarning, InputError, UsageError
 from ..scene import Camera, Scene
+from .asset import LARGEST
 from .disk import Path
+from .exr import read_exr_light, write_exr
 from .gltf import read_gltf
 from .image import write_image
 from .mesh import read_mesh
+from .radiance import read_hdr, write_hdr
 from .rig import frame_camera, key_direction, key_light, sky
 
 READERS = dict.fromkeys((".gltf", ".glb"), read_gltf) | dict.fromkeys((".obj", ".ply", ".stl", ".off"), read_mesh)
@@ -51,6 +55,44 @@ def load(path: Path, *, camera: int = 0, light_direction: Iterable | None = None
     return scene, view
 
 
+def read_light(path: Path) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+    """Linear radiance in a Radiance (.hdr, .pic) or EXR file, finite and not negative, and what was put right.
+
+    Texels that are not finite become black, negative values 0, values above 1e18 that: each is noted with its count.
+    """
+    file, suffix = os.fspath(path), os.path.splitext(os.fspath(path))[1].lower()
+    if suffix in (".hdr", ".pic"):
+        light, notes = read_hdr(path), ()
+    elif suffix == ".exr":
+        light, notes = read_exr_light(path)
+    else:
+        raise InputError(file, "", f"unknown format of light {suffix!r}; known are .hdr, .pic, .exr")
+
+    lost = ~np.isfinite(light).all(axis=-1, keepdims=True)
+    light = np.where(lost, np.float32(0), light)
+    counts = {
+        "are not finite; they become black": lost,
+        "are negative; they become 0": (light < 0).any(axis=-1),
+        f"are above {LARGEST:g}; they become that": (light > LARGEST).any(axis=-1),
+    }
+    notes += tuple(f"{mask.sum()} of {mask.size} texels {what}" for what, mask in counts.items() if mask.any())
+    if not light.any():
+        notes += ("it is black all over",)
+    return np.clip(light, 0, np.float32(LARGEST)), notes
+
+
 def save(path: Path, image) -> None:
-    """Write a display-encoded picture as PNG or JPEG; see `write_image`."""
-    write_image(path, image)
+    """Write a display-encoded picture as PNG or JPEG, or linear radiance as .hdr or .exr, as the suffix says.
+
+    See `write_image`, `write_hdr` and `write_exr`, which takes any channels; here it gets R, G, B and perhaps A.
+    """
+    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    if suffix == ".hdr":
+        write_hdr(path, image)
+    elif suffix == ".exr":
+        image = np.asarray(image)
+        if image.ndim != 3 or image.shape[2] not in (3, 4):
+            raise ValueError(f"image: expected [h, w, 3] or [h, w, 4], got shape {list(image.shape)}")
+        write_exr(path, {name: image[..., i] for i, name in enumerate("RGBA"[: image.shape[2]])})
+    else:
+        write_image(path, image)

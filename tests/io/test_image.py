@@ -9,16 +9,22 @@ import signal
 import struct
 import subprocess
 import sys
+import time
 import warnings
 import zlib
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from PIL import Image
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image, PngImagePlugin
 
-from jaxraster.errors import InputError, LimitError, OutputError
+from jaxraster.display.transfer import srgb_encode
+from jaxraster.errors import Error, InputError, LimitError, OutputError
 from jaxraster.io.image import check_writable, read_image, srgb_to_linear, write_image
+from jaxraster.io.load import save
+from jaxraster.io.png import MOST_PIXELS
 
 RAMP = np.arange(256, dtype=np.uint8)
 
@@ -27,6 +33,109 @@ def encoded(picture: Image.Image, kind: str = "PNG", **options) -> bytes:
     buffer = io.BytesIO()
     picture.save(buffer, kind, **options)
     return buffer.getvalue()
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def filtered(row: bytes, above: bytes, step: int, method: int) -> bytes:
+    """A row as PNG stores it: minus its left, upper, mean or Paeth neighbour."""
+    out = [method]
+    for i, value in enumerate(row):
+        left, up = (row[i - step] if i >= step else 0), above[i]
+        corner = above[i - step] if i >= step else 0
+        paeth = min((left, up, corner), key=lambda c: abs(left + up - corner - c))
+        out.append((value - (0, left, up, (left + up) // 2, paeth)[method]) % 256)
+    return bytes(out)
+
+
+PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
+
+
+def png(codes: np.ndarray, depth: int, kind: int, *chunks: bytes, interlaced: bool = False) -> bytes:
+    """Any PNG of samples `[h, w, c]`, every row filtered another way."""
+    body = b""
+    for x, y, dx, dy in PASSES if interlaced else ((0, 0, 1, 1),):
+        part = codes[y::dy, x::dx]
+        if not part.size:
+            continue
+        bits = (part.reshape(len(part), -1, 1) >> np.arange(depth)[::-1] & 1).astype(np.uint8)
+        rows = [row.tobytes() for row in np.packbits(bits.reshape(len(part), -1), axis=1)]
+        step = max(1, depth * codes.shape[2] // 8)
+        above = [bytes(len(rows[0])), *rows]
+        body += b"".join(filtered(row, above[i], step, i % 5) for i, row in enumerate(rows))
+    header = struct.pack(">IIBBBBB", codes.shape[1], codes.shape[0], depth, kind, 0, 0, interlaced)
+    middle = b"".join(chunks) + chunk(b"IDAT", zlib.compress(body))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + middle + chunk(b"IEND", b"")
+
+
+GREY, RGB, PALETTE, GREY_ALPHA, RGBA = 0, 2, 3, 4, 6
+CHANNELS = {GREY: 1, RGB: 3, PALETTE: 1, GREY_ALPHA: 2, RGBA: 4}
+DEPTHS = {GREY: (1, 2, 4, 8, 16), PALETTE: (1, 2, 4, 8), RGB: (8, 16), GREY_ALPHA: (8, 16), RGBA: (8, 16)}
+KINDS = [(kind, depth, clear) for kind in DEPTHS for depth in DEPTHS[kind] for clear in (False, True)]
+KINDS = [(kind, depth, clear) for kind, depth, clear in KINDS if not (clear and kind in (GREY_ALPHA, RGBA))]
+SHADES = np.random.default_rng(1).integers(0, 256, (256, 4)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("interlaced", [False, True])
+@pytest.mark.parametrize(("kind", "depth", "clear"), KINDS)
+def test_every_kind_of_png(kind, depth, clear, interlaced):
+    """All 15 pairs of kind and depth, with and without a transparent colour, in rows and interlaced."""
+    most = 2**depth - 1
+    codes = np.random.default_rng(depth).integers(0, most + 1, (11, 13, CHANNELS[kind]))
+    codes[3, 4] = codes[9, 9] = codes[0, 0]
+    chunks, alpha = [], np.ones((11, 13))
+    if kind == PALETTE:
+        chunks = [chunk(b"PLTE", SHADES[: most + 1, :3].tobytes())]
+        chunks += [chunk(b"tRNS", SHADES[: most + 1, 3].tobytes())] if clear else []
+        expected = SHADES[codes[..., 0]] / 255
+        expected[..., 3] = expected[..., 3] if clear else 1
+    else:
+        if clear:
+            chunks = [chunk(b"tRNS", codes[0, 0].astype(">u2").tobytes())]
+            alpha = (codes != codes[0, 0]).any(axis=-1).astype(np.float64)
+        color = codes[..., :3] if kind in (RGB, RGBA) else np.repeat(codes[..., :1], 3, axis=-1)
+        alpha = codes[..., -1] / most if kind in (GREY_ALPHA, RGBA) else alpha
+        expected = np.concatenate([color / most, alpha[..., None]], axis=-1)
+    image = read_image(png(codes, depth, kind, *chunks, interlaced=interlaced))
+    assert image.dtype == np.float32
+    np.testing.assert_array_equal(image, expected.astype(np.float32))
+
+
+def jpeg() -> Image.Image:
+    ramp = np.arange(64, dtype=np.uint8).reshape(8, 8) * 4
+    return Image.fromarray(np.stack([ramp, ramp.T, ramp[::-1]], axis=-1))
+
+
+def tags(orientation: int) -> bytes:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    return exif.tobytes()
+
+
+TEXT = PngImagePlugin.PngInfo()
+TEXT.add_text("Comment", "text", zip=True)
+TAGGED = {
+    "png, orientation": encoded(jpeg(), exif=tags(6)),
+    "png, profile": encoded(jpeg(), icc_profile=b"not a profile at all"),
+    "png, gamma": encoded(jpeg())[:33] + chunk(b"gAMA", struct.pack(">I", 100_000)) + encoded(jpeg())[33:],
+    "png, text": encoded(jpeg(), pnginfo=TEXT),
+    "png, animated": encoded(jpeg(), save_all=True, append_images=[Image.new("RGB", (8, 8))]),
+    "jpeg, orientation": encoded(jpeg(), "JPEG", exif=tags(6)),
+    "jpeg, broken tags": encoded(jpeg(), "JPEG", exif=b"Exif\0\0MM\0*\xff\xff\xff\xff"),
+    "jpeg, profile": encoded(jpeg(), "JPEG", icc_profile=b"not a profile at all"),
+    "webp": encoded(jpeg(), "WEBP", lossless=True),
+    "webp, orientation": encoded(jpeg(), "WEBP", lossless=True, exif=tags(6)),
+}
+
+
+@pytest.mark.parametrize("name", TAGGED)
+def test_tags_change_no_pixel(name):
+    plain = encoded(jpeg(), "JPEG") if "jpeg" in name else encoded(jpeg())
+    image = read_image(TAGGED[name])
+    assert image.shape == (8, 8, 4)
+    np.testing.assert_array_equal(image, read_image(plain))
 
 
 def palette(alpha: bool) -> bytes:
@@ -59,17 +168,36 @@ def test_read_image_gives_rgba(name):
     np.testing.assert_allclose(image[0, 0], expected, rtol=0, atol=1e-7)
 
 
-def test_16_bit_grey_keeps_every_code(tmp_path):
-    codes = np.arange(65536, dtype=np.uint16).reshape(256, 256)
+ALL_CODES = np.arange(65536, dtype=np.uint16).reshape(256, 256)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_16_bits_keep_every_code(tmp_path, channels):
+    """In both directions and for codes as well as floats; a float is code / 65535."""
+    codes = np.stack([np.roll(ALL_CODES, 7 * i + 1) for i in range(channels)], axis=-1)
+    written = codes[..., 0] if channels == 1 else codes
+    write_image(tmp_path / "codes.png", written)
+    write_image(tmp_path / "floats.png", jnp.asarray(written.astype(np.float32) / 65535), bits=16)
+    assert (tmp_path / "codes.png").read_bytes() == (tmp_path / "floats.png").read_bytes()
+    image = read_image(tmp_path / "codes.png")
+    np.testing.assert_array_equal(image[..., : codes.shape[2]], (codes / 65535).astype(np.float32))
+    np.testing.assert_array_equal(np.rint(image[..., : codes.shape[2]] * 65535), codes)
+    assert channels == 4 or (image[..., 3] == 1).all()
+    # Let another program's decoder read the same file; of colour it keeps the upper bytes.
+    with Image.open(tmp_path / "codes.png") as other:
+        np.testing.assert_array_equal(np.asarray(other), written if channels == 1 else written >> 8)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_codes_survive_linear_light(tmp_path, bits):
+    """sRGB is decoded once and encoded once: from codes to linear light and back, all are as they were."""
+    dtype = np.dtype(f"uint{bits}")
+    codes = np.resize(np.arange(2**bits, dtype=dtype), (256, 256, 3))
     write_image(tmp_path / "a.png", codes)
-    image = read_image(tmp_path / "a.png")
-    np.testing.assert_array_equal(np.rint(image[..., 0] * 65535).astype(np.uint16), codes)
-
-
-def test_16_bit_colour_is_refused_and_not_cut(tmp_path):
-    with pytest.raises(ValueError, match=r"PNG holds 8 bits or 16-bit grey, got uint16 \[3, 5, 3\]"):
-        write_image(tmp_path / "a.png", np.zeros((3, 5, 3), np.uint16))
-    assert not any(tmp_path.iterdir())
+    linear = srgb_to_linear(read_image(tmp_path / "a.png"))
+    assert linear[128, 128, 0] < 0.9 * (codes[128, 128, 0] / np.iinfo(dtype).max)
+    write_image(tmp_path / "b.png", srgb_encode(jnp.asarray(linear[..., :3])), bits=bits)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 def test_srgb_to_linear_matches_the_standard():
@@ -138,12 +266,19 @@ def test_unwritable_arrays(tmp_path, name, image, kind, message):
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {name: b"old"}
 
 
-def claiming(width: int, height: int) -> bytes:
+def test_bits_are_8_or_16(tmp_path):
+    with pytest.raises(ValueError, match=r"^bits: expected 8 or 16, got 10$"):
+        write_image(tmp_path / "a.png", np.zeros((2, 2)), bits=10)
+    with pytest.raises(ValueError, match="JPEG holds 8-bit grey or RGB, got uint16"):
+        write_image(tmp_path / "a.jpg", np.zeros((2, 2)), bits=16)
+    assert not any(tmp_path.iterdir())
+
+
+def claiming(width: int, height: int, depth: int = 8, kind: int = GREY, data: bytes = bytes(100)) -> bytes:
     """A PNG whose header states any size; its data are a few zeros."""
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(100))), (b"IEND", b""))
-    body = b"".join(struct.pack(">I", len(d)) + t + d + struct.pack(">I", zlib.crc32(t + d)) for t, d in chunks)
-    return b"\x89PNG\r\n\x1a\n" + body
+    header = struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(data)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*pair) for pair in chunks)
 
 
 GOOD = encoded(Image.fromarray(np.random.default_rng(0).integers(0, 256, (32, 32, 3)).astype(np.uint8)))
@@ -156,6 +291,15 @@ BROKEN = {
     "cut off in the header": GOOD[:20],
     "bad checksum": GOOD[:60] + bytes([GOOD[60] ^ 255]) + GOOD[61:],
     "too little data": claiming(64, 64),
+    "too little data, 16 bits": claiming(64, 64, 16, RGBA),
+    "cut off, 16 bits": png(np.arange(243).reshape(9, 9, 3) ** 2, 16, RGB)[:-40],
+    "no data, 16 bits": png(np.zeros((9, 9, 3), int), 16, RGB)[:33] + chunk(b"IEND", b""),
+    "no such depth": claiming(2, 2, 3),
+    "no such kind": claiming(2, 2, 8, 5),
+    "no such kind, 16 bits": claiming(2, 2, 16, PALETTE),
+    "header elsewhere": GOOD[:8] + GOOD[33:],
+    "webp, cut off": TAGGED["webp"][:60],
+    "another container": b"RIFF" + bytes(4) + b"WAVE" + bytes(40),
     "jpeg, cut off": encoded(Image.new("RGB", (64, 64)), "JPEG")[:300],
 }
 
@@ -170,12 +314,48 @@ def test_broken_images(tmp_path, name):
         read_image(tmp_path / "a.png")
 
 
-@pytest.mark.parametrize("side", [10_000, 60_000])
-def test_decompression_bombs(side):
-    with pytest.raises(
-        LimitError, match=rf"^bomb: is too large: .*{side * side} pixels.*limit of \d+ pixels.*; scale it down$"
-    ):
-        read_image(claiming(side, side), name="bomb")
+def jpeg_of(width: int, height: int) -> bytes:
+    """A JPEG whose header states any size."""
+    data = encoded(Image.new("L", (8, 8)), "JPEG")
+    start = data.index(b"\xff\xc0") + 5
+    return data[:start] + struct.pack(">HH", height, width) + data[start + 4 :]
+
+
+MOST = int(MOST_PIXELS**0.5)
+BOMBS = {
+    "empty claim": (claiming(60_000, 60_000), "header claims 3433 MB from a 69 byte file; export the picture again"),
+    "16 bits": (claiming(2000, 2000, 16, RGBA), "header claims 30 MB from a 69 byte file"),
+    "largest claim": (claiming(2**31 - 1, 2**31 - 1), "header claims 4398046507008 MB"),
+    "zeros": (
+        claiming(MOST + 1, MOST, 1, GREY, bytes(MOST * (MOST // 8 + 1))),
+        "is too large: 8193 x 8192 pixels; at most 67108864 with",
+    ),
+    "jpeg": (jpeg_of(60_000, 60_000), r"is too large: .*3600000000 pixels.*; scale it down"),
+    "long": (
+        claiming(2**14 + 1, 1),
+        "is too large: 16385 x 1 pixels; at most 67108864 with sides up to 16384 are read",
+    ),
+    "jpeg, little over": (
+        jpeg_of(MOST + 1, MOST),
+        "is too large: 8193 x 8192 pixels; at most 67108864",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_decompression_bombs(name):
+    data, message = BOMBS[name]
+    began = time.process_time()
+    with pytest.raises(LimitError, match=f"^bomb: {message}") as caught:
+        read_image(data, name="bomb")
+    assert "\n" not in str(caught.value)
+    assert time.process_time() - began < 0.5
+
+
+def test_an_animation_is_no_picture():
+    data = encoded(jpeg(), "WEBP", save_all=True, append_images=[Image.new("RGB", (8, 8))])
+    with pytest.raises(InputError, match=r"^x: is an animation; export a single picture$"):
+        read_image(data, name="x")
 
 
 def test_unreadable_files(tmp_path):
@@ -312,3 +492,51 @@ def test_no_warning_escapes():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read_image(FORMATS["palette and alpha"][0])
+
+
+def test_save_keeps_light_and_pictures_apart(tmp_path):
+    """A picture is clipped and coded; light, whose values may be any, is not."""
+    light = np.full((2, 9, 3), 5.0, np.float32)
+    save(tmp_path / "a.png", light)
+    save(tmp_path / "a.hdr", light)
+    assert (read_image(tmp_path / "a.png") == 1).all()
+    assert (tmp_path / "a.hdr").read_bytes().startswith(b"#?RADIANCE")
+    with pytest.raises(OutputError, match=r"unknown picture format '\.bmp'"):
+        save(tmp_path / "a.bmp", light)
+
+
+VALID = [
+    GOOD,
+    encoded(Image.new("LA", (9, 9), (51, 102))),
+    png(np.random.default_rng(2).integers(0, 65536, (9, 9, 3)), 16, RGB),
+    png(np.random.default_rng(2).integers(0, 4, (9, 9, 1)), 2, GREY, chunk(b"tRNS", b"\0\2"), interlaced=True),
+    palette(alpha=True),
+]
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(
+    st.sampled_from(VALID),
+    st.lists(st.tuples(st.integers(0, 100) | st.integers(0, 2**16), st.integers(1, 255)), max_size=4),
+    st.booleans(),
+    st.data(),
+)
+def test_damage_gives_an_image_or_one_typed_error(data, flips, mend, draw):
+    """`mend` makes the header's checksum right again, so that the damage gets past it."""
+    broken = bytearray(data)
+    for place, bits in flips:
+        broken[place % len(broken)] ^= bits
+    if mend:
+        broken[29:33] = struct.pack(">I", zlib.crc32(broken[12:29]))
+    broken = bytes(broken[: draw.draw(st.integers(0, len(broken)) | st.just(len(broken)))])
+    began = time.process_time()
+    try:
+        image = read_image(broken, name="x")
+    except Error as error:
+        assert str(error).startswith("x: ")
+        assert "\n" not in str(error)
+    else:
+        assert image.dtype == np.float32
+        assert image.shape[2:] == (4,)
+        assert 0 <= image.min() <= image.max() <= 1
+    assert time.process_time() - began < 2
