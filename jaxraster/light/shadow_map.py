@@ -1,8 +1,11 @@
 """The shadow map of one directional light, with constant and slope bias and 3×3 percentage-closer filtering.
 
 The scene is rasterized from the light in a parallel projection fitted to all of it; a pixel is compared with the 4×4
-texels around it, weighed as a box of 3×3 texels about its exact position, so that penumbras are ramps, not steps.
-World units; 1 is lit. Does not affect: ambient light, emission, other lights.
+texels around it, weighed as a box of 3×3 texels about its exact position, so that penumbras are ramps, not steps: two
+texels from a shadow's edge, counted on either axis, there is none. The bias lets light in at the foot of thin casters,
+2.5 texels far at 45° and 5.6 at 73° (measured by the tests), and none at the foot of solid ones.
+World units; 1 is lit, exactly so on any plane that nothing is above. Does not affect: ambient light, emission, other
+lights.
 
 Gradient: none, on purpose: occlusion is a depth test, whose derivative is 0 almost everywhere, and the width of the
 filter's ramp belongs to the map's texels, not to the scene.
@@ -52,9 +55,9 @@ def _rotate(axes, vectors):
 
 
 def _taps(texel, size):
-    """The four texels an axis's box of three reaches, and their weights."""
+    """The four texels an axis's box of three reaches, and their weights: in 1/256, so that they add up exactly."""
     first = jnp.floor(texel - 0.5)
-    fraction = texel - 0.5 - first
+    fraction = jnp.round(256.0 * (texel - 0.5 - first)) / 256.0
     index = [jnp.clip(first.astype(jnp.int32) + offset, 0, size - 1) for offset in (-1, 0, 1, 2)]
     one = jnp.ones_like(fraction)
     return list(zip(index, (1.0 - fraction, one, one, fraction)))
@@ -64,6 +67,8 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
     """The share of the light that reaches each pixel, in [0, 1]."""
     surface, mesh, lights = stop((surface, mesh, lights))
     size = settings.resolution
+    if mesh.faces.shape[0] == 0:
+        return jnp.ones_like(surface.alpha)
     axes = _light_frame(lights.direction[settings.light])
 
     # Fit the projection to all finite vertices; height grows towards the light, depth 1 is the nearest to it.
@@ -71,6 +76,7 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
     finite = jnp.all(jnp.isfinite(vertices), axis=-1, keepdims=True)
     low = jnp.min(jnp.where(finite, vertices, jnp.inf), axis=0)
     high = jnp.max(jnp.where(finite, vertices, -jnp.inf), axis=0)
+    low, high = (jnp.where(jnp.isfinite(bound), bound, 0.0) for bound in (low, high))
     extent = jnp.maximum(high - low, safe.TINY)
     texel = extent[:2] / (size - 2 * MARGIN)
     # Leave a texel's depth at both ends: depth 0 means nothing, and rounding must push no vertex past the near plane.
@@ -92,7 +98,8 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
     cosine = jnp.maximum(jnp.abs(normal[..., 2]), MIN_COSINE)
     rise = (jnp.abs(normal[..., 0]) * texel[0] + jnp.abs(normal[..., 1]) * texel[1]) / cosine
     bias = settings.constant_bias * jnp.max(texel) + settings.slope_bias * MARGIN * rise
-    threshold = depth + bias / depth_range
+    # Depth 0 means nothing, also to a receiver below all that the map was fitted to.
+    threshold = jnp.maximum(depth + bias / depth_range, 0.0)
 
     # Weigh the taps that are not nearer to the light.
     lit = jnp.zeros_like(depth)
