@@ -166,9 +166,6 @@ def test_a_floating_square_throws_its_projection(direction, reach, size):
     print(f"{size} texels: wrong up to {np.abs(beyond[wrong]).max():.2f} texels from the edge")
     assert (beyond < -reach).sum() > 10 and (beyond > reach).sum() > 1000
     assert (share[beyond < -reach] == 0).all() and (share[beyond > reach] == 1).all()
-    # At the very edge about half of the light arrives.
-    edge = np.abs(beyond) < 1
-    np.testing.assert_allclose(share[edge].mean(), 0.5, atol=0.15)
 
 
 def test_the_error_halves_when_the_resolution_doubles():
@@ -278,16 +275,15 @@ def test_the_other_side_of_a_face_throws_the_same_shadow(usual):
 def test_the_number_of_the_light_counts(monkeypatch):
     """The second of two lights draws the map that it would draw alone."""
     drawn = []
+    monkeypatch.setattr(file, "rasterize_depth", lambda clip, *_, **size: drawn.append(clip) or jnp.zeros((64, 64)))
 
-    def draw(clip, faces, *, height, width):
-        drawn.append(clip)
-        return jnp.zeros((height, width))
+    @jax.jit
+    def positions(lights, settings):
+        file.shadow_map(surface(FLOOR[:4], UP), quads(*SCENE), lights, settings)
+        return drawn.pop()
 
-    monkeypatch.setattr(file, "rasterize_depth", draw)
-    here, mesh = surface(FLOOR[:4], UP), quads(*SCENE)
-    file.shadow_map(here, mesh, sun((1, -2, 0), LIGHT), replace(SETTINGS[64], light=1))
-    file.shadow_map(here, mesh, sun(LIGHT), SETTINGS[64])
-    np.testing.assert_array_equal(*drawn)
+    second = positions(sun((1, -2, 0), LIGHT), replace(SETTINGS[64], light=1))
+    np.testing.assert_array_equal(second, positions(sun(LIGHT), SETTINGS[64]))
 
 
 # -- Ugly meshes -------------------------------------------------------------------------------------------------------
