@@ -50,7 +50,10 @@ class Plan:
             if getattr(self, name) not in known:
                 raise ValueError(f"Plan.{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
         for name, known in (("texture_slots", TEXTURE_SLOTS), ("light_kinds", LIGHT_KINDS)):
-            if unknown := set(getattr(self, name)) - set(known):
+            names = getattr(self, name)
+            if unknown := set(names) - set(known):
                 raise ValueError(f"Plan.{name} may hold {', '.join(known)}, got {', '.join(sorted(map(str, unknown)))}")
+            if twice := {one for one in names if names.count(one) > 1}:
+                raise ValueError(f"Plan.{name} names {', '.join(sorted(twice))} twice, got {names}")
         if self.shading == "local" and self.shadow_map is not None:
             raise ValueError('Plan.shadow_map must be None where Plan.shading is "local", which has no visibility term')

@@ -15,6 +15,7 @@ import numpy as np
 from jaxraster.geometry import shapes
 from jaxraster.scene import Camera, Scene, pack_textures
 from jaxraster.scenes import parts
+from jaxraster.visibility import raster
 
 WIDTH, HEIGHT = 24, 16
 FLOOR, WALL, CARD, BOX, UNUSED = range(5)
@@ -90,5 +91,13 @@ def _punctual(surface, lights, kinds, brdf, shadow):
     return _lit(surface, lights, kinds, brdf, *(shadow or (None, None)))
 
 
-_stages = {**vars(_module), **_compiled, "punctual": _punctual}
-render = types.FunctionType(inspect.unwrap(_module.render).__code__, _stages, "render")
+def _with(function, **changes):
+    """A function that finds other functions under some of the names it looks up in its module."""
+    plain = inspect.unwrap(function)
+    changed = types.FunctionType(plain.__code__, {**plain.__globals__, **changes}, plain.__name__)
+    changed.__kwdefaults__ = plain.__kwdefaults__
+    return changed
+
+
+_rasterize = _with(_module.rasterize, barycentric=jax.jit(raster.barycentric))
+render = _with(_module.render, **_compiled, punctual=_punctual, rasterize=_rasterize)

@@ -467,8 +467,8 @@ def build(values: dict):
 def assert_same_picture(scene, camera, plan):
     seen, expected = small.render(scene, camera, plan), small.render(scene, camera, full(scene))
     np.testing.assert_array_equal(seen.visibility.face, expected.visibility.face)
-    np.testing.assert_allclose(seen.hdr, expected.hdr, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(seen.image, expected.image, atol=1e-6)
+    np.testing.assert_allclose(seen.hdr, expected.hdr, rtol=3e-6, atol=1e-6)
+    np.testing.assert_allclose(seen.image, expected.image, rtol=0, atol=3e-6)
 
 
 def test_the_picture_is_that_with_everything_on():
@@ -488,32 +488,20 @@ def test_the_picture_is_that_with_everything_on():
     assert missing == {("dither", True)}
 
 
-GRADIENTS = {
-    "all light is black": (("materials.emissive", "irradiance", "intensity", "sky", "ground"), {}),
-    "all factors are black": (
-        ("base_color", "materials.emissive", "occlusion_strength"),
-        {
-            "rows": [{**EVERY, **BLACK}] * 5,
-            "directional": [(SLANTED, 2.0)],
-            "sky": 0.4,
-        },
-    ),
-}
-
-
-@pytest.mark.parametrize("case", GRADIENTS)
-def test_the_gradient_is_that_with_everything_on(case):
+def test_the_gradient_is_that_with_everything_on():
     """In leaves whose value is zero, for which the plan without `wrt` would have none."""
-    wrt, options = GRADIENTS[case]
-    scene = small.scene(**options)
+    wrt = ("base_color", "materials.emissive", "occlusion_strength", "intensity", "ground")
+    scene = small.scene([{**EVERY, **BLACK}] * 5, directional=[(SLANTED, 2.0)], sky=0.4)
     values, rebuild = parameters(scene, wrt)
     assert all((np.asarray(value)[..., :3] == 0).all() for value in values.values())
+    without, plan = (plan_for(scene, CAMERA, **SIZE, wrt=paths)[0] for paths in ((), wrt))
+    assert without.emission is None and without.light_kinds == ("directional",) and len(without.texture_slots) == 2
     weights = jnp.asarray(np.random.default_rng(5).uniform(0.5, 1.5, (HEIGHT, WIDTH, 3)), jnp.float32)
 
     def gradient(plan):
         return jax.grad(lambda v: (small.render(rebuild(v), CAMERA, plan).hdr * weights).sum())(values)
 
-    planned, expected = (gradient(plan) for plan in (plan_for(scene, CAMERA, **SIZE, wrt=wrt)[0], full(scene)))
+    planned, expected = gradient(plan), gradient(full(scene))
     for name in values:
         scale = np.abs(expected[name]).max()
         assert scale > 0, name
