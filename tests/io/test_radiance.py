@@ -236,9 +236,9 @@ BAD_SCANLINES = {
     "newer, another width": (8, b"\2\2\0\x09" + GOOD, "scanline 1 of 3: states 9 pixels, the header 8"),
     "older, begins with a run": (9, bytes((1, 1, 1, 9)) * 9, "scanline 1 of 3: begins with a run"),
     "older, run too long": (9, bytes((9, 9, 9, 9, 1, 1, 1, 9)) * 9, "scanline 1 of 3: has a run that ends 1 pixels"),
-    "older, run of 256^7": (
-        9,
-        bytes((9, 9, 9, 9)) + bytes((1, 1, 1, 0)) * 7 + bytes((1, 1, 1, 1)) * 30,
+    "older, run of 256^10": (
+        20,
+        bytes((9, 9, 9, 9)) + bytes((1, 1, 1, 0)) * 10 + bytes((1, 1, 1, 1)) * 30,
         "scanline 1 of 3: has a run that ends",
     ),
 }
