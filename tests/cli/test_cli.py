@@ -265,6 +265,7 @@ def test_interrupted_while_compiling(folder):
     read_terminal(terminal, until=b"compiling...")
     process.send_signal(signal.SIGINT)
     # The compilation alone takes longer than this on an idle machine; a busy one needs a while to tell.
-    assert process.wait(timeout=20) == -signal.SIGINT
+    # Between two steps Python itself takes the signal and exits by the number that a shell would have reported.
+    assert process.wait(timeout=20) in (-signal.SIGINT, 130)
     assert read_terminal(terminal).strip() in ("", "rendering...")
     assert not (folder / "render.png").exists()

@@ -3,11 +3,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from reference import raster
 
 from jaxraster.buffers import Stats, Visibility
 from jaxraster.visibility.barycentric import barycentric
-
-from . import raster
 
 
 def faces_seen(clip, faces, *, height: int, width: int) -> jax.Array:
