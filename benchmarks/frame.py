@@ -30,7 +30,9 @@ def measure(name, function, *inputs, runs=5):
         result = jax.block_until_ready(compiled(*inputs))
         seconds.append(time.perf_counter() - start)
     memory = compiled.memory_analysis().temp_size_in_bytes / 2**20
-    print(f"{name:<12} compile {compile_seconds:6.2f} s   run {1e3 * min(seconds[1:]):8.1f} ms   memory {memory:7.1f} MiB")
+    print(
+        f"{name:<12} compile {compile_seconds:6.2f} s   run {1e3 * min(seconds[1:]):8.1f} ms   memory {memory:7.1f} MiB"
+    )
     return result
 
 
@@ -46,7 +48,8 @@ def main():
         scene, camera = built_in() if built_in else jr.load(options.scene)
     plan, _ = jr.plan_for(scene, camera, width=options.width, height=options.height)
     size = {"width": plan.width, "height": plan.height}
-    print(f"{options.scene}: {scene.mesh.faces.shape[0]} faces, {plan.width}x{plan.height}, {jax.devices()[0].device_kind}")
+    device = jax.devices()[0].device_kind
+    print(f"{options.scene}: {scene.mesh.faces.shape[0]} faces, {plan.width}x{plan.height}, {device}")
 
     clip = measure("project", lambda s, c: project(s.mesh.vertices, c, **size), scene, camera)
     visibility = measure("rasterize", lambda p, s: jr.rasterize(p, s.mesh.faces, **size), clip, scene)

@@ -34,7 +34,8 @@ class Surface:
     """What shading needs at each pixel, in world space; where `mask` is false the values are finite and unused.
 
     `normal` and `geometric_normal` are unit and face the viewer, `view` is unit towards it. `alpha` is the microfacet
-    width, roughness². `occlusion` in [0, 1] applies to ambient light alone.
+    width, roughness². `occlusion` in [0, 1] applies to ambient light alone. `uv` may be whole periods away from the
+    mesh's, where its textures repeat.
     """
 
     mask: Bool[Array, "*b"]

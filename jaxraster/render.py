@@ -35,17 +35,17 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     Undecorated: `jit`, `vmap` and `grad` are the caller's. Under jit take what is needed (`render(...).image`) and the
     rest is dead code. Batches are mapped: `jax.vmap(render, in_axes=(None, 0, None))` for many cameras.
 
-    Gradient: exact in everything that shades a visible point; 0 through coverage, the depth test and shadows.
-    """
+    Gradient: exact in everything that shades a visible point; 0 through coverage, the depth test and shadows."""
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
     def effect(function, settings, *inputs, otherwise=None, **sizes) -> Any:
         with jax.named_scope(function.__name__) if settings is not None else nullcontext():
             return otherwise if settings is None else function(*inputs, settings, **sizes)
 
-    # Find the triangle that each pixel sees.
+    # Find the triangle that each pixel sees, in the precision of the mesh.
+    mesh, single_sided = scene.mesh, ~scene.materials.double_sided[scene.mesh.material]
+    camera = jax.tree.map(lambda matrix: matrix.astype(mesh.vertices.dtype), camera)
     with jax.named_scope("visibility"):
-        mesh, single_sided = scene.mesh, ~scene.materials.double_sided[scene.mesh.material]
         clip = project(mesh.vertices, camera, **size)
         visibility = rasterize(clip, mesh.faces, cull=single_sided if plan.cull else None, **size)
 

@@ -61,7 +61,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
     choose("--tonemap", arguments.tonemap, TONEMAPS)
     choose("--shading", arguments.shading, SHADINGS)
-    if arguments.aov == ["all"]:
+    if "all" in arguments.aov:
         arguments.aov = list(AOVS)
     for name in arguments.aov:
         choose("--aov", name, AOVS)

@@ -2,7 +2,6 @@
 
 import math
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -45,5 +44,5 @@ def key_direction(camera: Camera) -> Float[np.ndarray, "3"]:
 
 def sky(strength: float = 1.0) -> Environment:
     """A bluish sky over warm ground; none at strength 0."""
-    up = jnp.array([0.0, 1.0, 0.0])
+    up = floats((0.0, 1.0, 0.0), 3)
     return Environment(up=up, sky=strength * floats(SKY, 3), ground=strength * floats(GROUND, 3))

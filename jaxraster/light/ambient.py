@@ -37,7 +37,8 @@ def sky_share(cosine: Float[Array, "*b"], alpha: Float[Array, "*b"]) -> Float[Ar
 def tones(environment: Environment, direction: Float[Array, "*b 3"], alpha: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
     """The environment's radiance, blurred by a lobe of width alpha about each direction."""
     up, sky, ground = (
-        jnp.broadcast_to(t, direction.shape) for t in (environment.up, environment.sky, environment.ground)
+        jnp.broadcast_to(t, direction.shape)
+        for t in (safe.normalize(environment.up), environment.sky, environment.ground)
     )
     return ground + (sky - ground) * sky_share(safe.dot(direction, up), alpha)[..., None]
 

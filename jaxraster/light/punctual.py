@@ -32,7 +32,7 @@ Arriving = tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]
 def directional(surface: Surface, light: Directional) -> Arriving:
     """(l, irradiance) of one light, without leading count."""
     shape = surface.position.shape
-    return jnp.broadcast_to(-light.direction, shape), jnp.broadcast_to(light.irradiance, shape)
+    return jnp.broadcast_to(-safe.normalize(light.direction), shape), jnp.broadcast_to(light.irradiance, shape)
 
 
 def point(surface: Surface, light: Point | Spot) -> Arriving:
@@ -52,7 +52,7 @@ def spot(surface: Surface, light: Spot) -> Arriving:
     l, irradiance = point(surface, light)
     outer = jnp.cos(light.outer)
     width = jnp.maximum(jnp.cos(light.inner) - outer, MIN_CONE)
-    cosine = -safe.dot(l, jnp.broadcast_to(light.direction, l.shape))
+    cosine = -safe.dot(l, jnp.broadcast_to(safe.normalize(light.direction), l.shape))
     cone = jnp.clip((cosine - outer) / width, 0.0, 1.0)
     return l, irradiance * (cone * cone)[..., None]
 

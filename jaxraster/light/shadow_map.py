@@ -42,11 +42,18 @@ class ShadowMap:
     constant_bias: Scalar = 0.5
     slope_bias: Scalar = 1.0
 
+    def validate(self):
+        """Raise one clear line for a map without texels or a light that cannot be."""
+        if type(self.resolution) is not int or self.resolution <= 2 * MARGIN:
+            raise ValueError(f"ShadowMap.resolution must be a whole number above {2 * MARGIN}, got {self.resolution!r}")
+        if type(self.light) is not int or self.light < 0:
+            raise ValueError(f"ShadowMap.light must be a row of Lights.directional, 0 or more, got {self.light!r}")
+
 
 def _light_frame(direction: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Rows: the map's two axes, and the direction towards the light."""
-    right, up = frame(-direction)
-    return jnp.stack([right, up, -direction])
+    towards = -safe.normalize(direction)
+    return jnp.stack([*frame(towards), towards])
 
 
 def _rotate(axes, vectors):
@@ -67,8 +74,11 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
     """The share of the light that reaches each pixel, in [0, 1]."""
     surface, mesh, lights = stop((surface, mesh, lights))
     size = settings.resolution
-    if mesh.faces.shape[0] == 0:
+    count = lights.direction.shape[0]
+    if mesh.faces.shape[0] == 0 or count == 0:
         return jnp.ones_like(surface.alpha)
+    if settings.light >= count:
+        raise ValueError(f"ShadowMap.light is {settings.light}, but the scene has {count} directional lights")
     axes = _light_frame(lights.direction[settings.light])
 
     # Fit the projection to all finite vertices; height grows towards the light, depth 1 is the nearest to it.
@@ -90,7 +100,7 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
 
     x, y, depth = to_map(vertices)
     clip = jnp.stack([x * (2.0 / size) - 1.0, 1.0 - y * (2.0 / size), depth, jnp.ones_like(x)], axis=-1)
-    occluders = rasterize_depth(clip, mesh.faces, height=size, width=size).reshape(-1)
+    occluders = rasterize_depth(clip, mesh.faces, height=size, width=size).reshape(-1).astype(depth.dtype)
 
     # Bias by what the receiver's plane rises from its point to the farthest tap, two texels away on each axis.
     x, y, depth = to_map(_rotate(axes, surface.position))

@@ -60,6 +60,12 @@ class _Facts:
         values = getattr(getattr(self.scene.lights, kind), name)
         return (values != 0).any(axis=-1) | self.differentiated(f"lights.{kind}.{name}")
 
+    def moves(self) -> bool:
+        """Whether a surface, the camera or a directional light's direction is differentiated."""
+        names = ("scene.mesh.vertices", "scene.lights.directional.direction")
+        names += ("camera.world_from_view", "camera.clip_from_view")
+        return any(matches(name, pattern) for name in names for pattern in self.wrt)
+
     def surroundings(self) -> bool:
         names = ("sky", "ground")
         lit = any((getattr(self.scene.environment, name) != 0).any() for name in names)
@@ -96,33 +102,44 @@ def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | N
     if shading == "local":
         return None, Reason(False, "local shading has no visibility of lights")
     lights, shining = facts.scene.lights.directional, facts.light("directional")
-    shining = shining.any(axis=tuple(range(shining.ndim - 1)))
+    shining = np.atleast_1d(shining.any(axis=tuple(range(shining.ndim - 1))))
     if not shining.any():
         return None, Reason(False, "no directional light shines, and other kinds cast no shadow yet")
 
-    # Take the strongest light; only one has a shadow so far.
+    # Take the strongest light that may cast one; only one has a shadow so far.
     strength = np.abs(lights.irradiance).sum(axis=-1).reshape(-1, shining.size).max(axis=0)
-    chosen = int(np.argmax(np.where(shining, strength, -1.0)))
-    others = "" if shining.sum() == 1 else f"; the other {int(shining.sum()) - 1} directional lights cast none"
-    directions = _members(lights.direction)[:, chosen]
-    matrices = _members(np.asarray(clip_from_world(facts.camera, **plan_size)))
+    candidates = [int(light) for light in np.argsort(-strength, kind="stable") if shining[light]]
+    others = "" if len(candidates) == 1 else f"; the other {len(candidates) - 1} directional lights cast none"
+    if facts.moves():
+        why = f"light {candidates[0]} may come to cast one: what is differentiated moves it, a surface or the camera"
+        return ShadowMap(light=candidates[0]), Reason(True, why + others)
+    for light in candidates:
+        verdict = _may_shadow(facts, _members(lights.direction)[:, light], plan_size)
+        if verdict:
+            why = f"something stands between light {light} and a surface in view"
+            return ShadowMap(light=light), Reason(True, why + others)
+        if verdict is None:
+            why = f"too many faces to prove that none is shadowed from light {light}"
+            return ShadowMap(light=light), Reason(True, why + others)
+    return None, Reason(False, "nothing stands between the light and any surface in view")
+
+
+def _may_shadow(facts: _Facts, directions: np.ndarray, plan_size: dict) -> bool | None:
+    """Whether light from any of the directions may be kept from a surface in any camera's view; None for unknown."""
     undecided = False
     for corners in _members(facts.scene.mesh.vertices):
         triangles = corners[facts.scene.mesh.faces]
         triangles = triangles[np.isfinite(triangles).all(axis=(1, 2))]
         finite = corners[np.isfinite(corners).all(axis=1)].astype(np.float64)
         size = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
-        for matrix in matrices:
+        for matrix in _members(np.asarray(clip_from_world(facts.camera, **plan_size))):
             receivers = visible_polygons(triangles, matrix)
             for direction in directions:
                 verdict = may_shadow(triangles, receivers, direction, size)
                 if verdict:
-                    why = f"something stands between light {chosen} and a surface in view{others}"
-                    return ShadowMap(light=chosen), Reason(True, why)
+                    return True
                 undecided = undecided or verdict is None
-    if undecided:
-        return ShadowMap(light=chosen), Reason(True, f"too many faces to prove that none is shadowed{others}")
-    return None, Reason(False, "nothing stands between the light and any surface in view")
+    return None if undecided else False
 
 
 def _concrete(scene: Scene, camera: Camera) -> None:

@@ -36,7 +36,7 @@ def materials(*rows: dict) -> Materials:
         return jnp.asarray(np.array([row.get(name, default) for row in rows], dtype))
 
     columns = {name: column(name, default, np.float32) for name, default in floats.items()}
-    columns["base_color"] = jnp.concatenate([columns["base_color"], jnp.ones((len(rows), 1))], axis=1)
+    columns["base_color"] = jnp.concatenate([columns["base_color"], jnp.ones((len(rows), 1), jnp.float32)], axis=1)
     textures = {f"{slot}_texture": column(f"{slot}_texture", -1, np.int32) for slot in TEXTURE_SLOTS}
     return Materials(**columns, **textures, double_sided=column("double_sided", False, bool))
 

@@ -64,16 +64,20 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
     mesh, face = scene.mesh, visibility.face
     mask = face >= 0
 
+    def finite(attributes):
+        # Mask what is not finite before it is weighed: behind a zero cotangent it would still make NaN.
+        return jnp.where(jnp.isfinite(attributes), attributes, 0.0)
+
     position = interpolate(mesh.vertices, mesh.faces, visibility)
     view = view_direction(position, camera)
     # Where there is no surface, or none with a direction, face the viewer: nothing downstream meets a zero vector.
     flat = _unless_zero(rows(face_normals(mesh.vertices, mesh.faces), face, jnp.zeros(3, view.dtype)), view)
-    normal = _unless_zero(safe.normalize(interpolate(mesh.normals, mesh.faces, visibility)), flat)
+    normal = _unless_zero(safe.normalize(interpolate(finite(mesh.normals), mesh.faces, visibility)), flat)
     turn = jnp.where(safe.dot(flat, view) < 0, -1.0, 1.0).astype(normal.dtype)[..., None]
 
-    uv_corners = rows(_uvs_near_origin(scene), face, jnp.zeros(6, mesh.uvs.dtype))
+    uv_corners = rows(finite(_uvs_near_origin(scene)), face, jnp.zeros(6, mesh.uvs.dtype))
     # Seen from behind, the mapped normal is the opposite of the front's: turn all axes, and the sign with them.
-    tangent = turn * interpolate(mesh.tangents, mesh.faces, visibility)
+    tangent = turn * interpolate(finite(mesh.tangents), mesh.faces, visibility)
     material = mesh.material.at[jnp.maximum(face, 0)].get(mode="clip")
     return Fragment(
         mask=mask,

@@ -47,11 +47,11 @@ def _bilinear(texels, level, u, v, wrap):
         right, low = corner
         column, line = _texel(left + right, width, wrap[..., 0]), _texel(top + low, height, wrap[..., 1])
         weight = jnp.where(right > 0, x_weight, 1.0 - x_weight) * jnp.where(low > 0, y_weight, 1.0 - y_weight)
-        return total + weight[..., None] * fetch(texels, offset + line * width + column), None
+        return total + weight[..., None] * fetch(texels, offset + line * width + column).astype(u.dtype), None
 
     # Loop over the corners: unrolled, XLA would repeat everything above for each of them.
     corners = (jnp.array([0, 1, 0, 1], jnp.int32), jnp.array([0, 0, 1, 1], jnp.int32))
-    return lax.scan(add_texel, jnp.zeros((*u.shape, 4), texels.dtype), corners)[0]
+    return lax.scan(add_texel, jnp.zeros((*u.shape, 4), u.dtype), corners)[0]
 
 
 def texture(

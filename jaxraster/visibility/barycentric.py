@@ -80,7 +80,9 @@ def interpolate(
 
     Gradient: exact in attributes and barycentrics.
     """
-    table = attributes[faces].reshape(faces.shape[0], -1)
+    if attributes.ndim != 2:
+        raise ValueError(f"interpolate: attributes must be [v, c], got {list(attributes.shape)}; vmap over a batch")
+    table = attributes[faces].reshape(faces.shape[0], 3 * attributes.shape[1])
     corners = rows(table, visibility.face, jnp.zeros(table.shape[1], attributes.dtype))
     return combine(corners, visibility.barycentric)
 

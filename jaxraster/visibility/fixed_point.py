@@ -38,8 +38,17 @@ def difference_of_products(a: Ints, b: Ints, c: Ints, d: Ints) -> tuple[Ints, In
 
 
 def to_float(limbs: tuple[Ints, Ints, Ints]) -> Float[Array, "*n"]:
-    """The limbs' value, rounded a few times but never cancelled."""
-    high, middle, low = (limb.astype(jnp.float32) for limb in limbs)
+    """The limbs' value to within a few roundings of itself.
+
+    Carries first centre the lower limbs about 0: as they are, a small negative number is -2²⁸ plus nearly as much.
+    """
+    high, middle, low = limbs
+    half = 1 << (_LIMB - 1)
+    carry = (low + half) >> _LIMB
+    low, middle = low - (carry << _LIMB), middle + carry
+    carry = (middle + half) >> _LIMB
+    middle, high = middle - (carry << _LIMB), high + carry
+    high, middle, low = (limb.astype(jnp.float32) for limb in (high, middle, low))
     return high * 2.0 ** (2 * _LIMB) + (middle * 2.0**_LIMB + low)
 
 

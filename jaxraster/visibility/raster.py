@@ -218,6 +218,10 @@ def _sides(cull, num_faces):
         if cull not in names:
             raise ValueError(f"rasterize: cull must be None, 'back', 'front' or a bool array [f], got {cull!r}")
         return jnp.full((num_faces,), names[cull], jnp.int32)
+    if getattr(cull, "shape", None) != (num_faces,):
+        raise ValueError(
+            f"rasterize: cull must be None, 'back', 'front' or a bool array [f], f = {num_faces}, got {cull!r}"
+        )
     return cull.astype(jnp.int32)
 
 
@@ -251,6 +255,8 @@ def rasterize(
     for name, size in (("height", height), ("width", width)):
         if type(size) is not int or size < 1:
             raise ValueError(f"rasterize: {name} must be a whole number of at least 1, got {size!r} (close over it)")
+    if max(height, width) > 2 * GUARD:
+        raise ValueError(f"rasterize: {width} x {height} pixels exceed {2 * GUARD} on a side; draw it in parts")
     if clip.ndim > 2:
         per_picture = functools.partial(rasterize, height=height, width=width, cull=cull)
         return jax.vmap(per_picture, in_axes=(0, None))(clip, faces)

@@ -94,7 +94,7 @@ def test_the_law_sees_a_violation(module, source, caught):
 
 def test_import_costs_jax_alone():
     """Nothing slow or optional is loaded; no array is made, for there is no device to make it on."""
-    heavy = {"scipy", "trimesh", "imageio", "colour", "PIL", "optax", "matplotlib", "beartype"}
+    heavy = {"scipy", "trimesh", "imageio", "OpenEXR", "colour", "PIL", "optax", "matplotlib", "beartype"}
     script = f"import sys, jaxraster; print(sorted({heavy} & set(sys.modules)))"
 
     def run(script: str) -> subprocess.CompletedProcess:
