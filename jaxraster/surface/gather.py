@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..buffers import Visibility
 from ..geometry.normals import face_normals
 from ..math import safe
+from ..math.table import fetch
 from ..record import record
 from ..scene import CLAMP, Camera, Scene
 from ..visibility.barycentric import combine, footprint, interpolate, rows
@@ -78,10 +79,11 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
     uv_corners = rows(finite(_uvs_near_origin(scene)), face, jnp.zeros(6, mesh.uvs.dtype))
     # Seen from behind, the mapped normal is the opposite of the front's: turn all axes, and the sign with them.
     tangent = turn * interpolate(finite(mesh.tangents), mesh.faces, visibility)
-    material = mesh.material.at[jnp.maximum(face, 0)].get(mode="clip")
+    # Append a row for pixels without a face, also where the mesh has none at all.
+    material = jnp.concatenate([mesh.material, jnp.zeros(1, mesh.material.dtype)])
     return Fragment(
         mask=mask,
-        material=jnp.where(mask, material, 0),
+        material=fetch(material, jnp.where(mask, face, mesh.material.shape[0])),
         position=position,
         normal=turn * normal,
         geometric_normal=turn * flat,
