@@ -7,6 +7,7 @@ from . import planner as planner
 from . import scenes as scenes
 from .buffers import Frame as Frame
 from .buffers import Radiance as Radiance
+from .buffers import Stats as Stats
 from .buffers import Surface as Surface
 from .buffers import Visibility as Visibility
 from .display.dither import Dither as Dither
@@ -23,6 +24,7 @@ from .math.transform import orthographic as orthographic
 from .math.transform import perspective as perspective
 from .parameters import parameters as parameters
 from .plan import Plan as Plan
+from .planner.needs import Reason as Reason
 from .planner.needs import plan_for as plan_for
 from .render import render as render
 from .scene import Camera as Camera
@@ -37,6 +39,7 @@ from .scene import Spot as Spot
 from .scene import Textures as Textures
 from .scene import pack_textures as pack_textures
 from .surface.texture import texture as texture
+from .visibility.barycentric import footprint as footprint
 from .visibility.barycentric import interpolate as interpolate
 from .visibility.raster import rasterize as rasterize
 

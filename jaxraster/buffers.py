@@ -10,10 +10,11 @@ from .record import record
 
 @record
 class Stats:
-    """What the rasterizer left out, and why: triangles with a non-finite vertex, and those without any area."""
+    """What the rasterizer left out: triangles with a non-finite vertex, without any area, or with no such vertex."""
 
     non_finite: Int[Array, "*b"]
     degenerate: Int[Array, "*b"]
+    out_of_range: Int[Array, "*b"]
 
 
 @record
@@ -75,3 +76,8 @@ class Frame:
     radiance: Radiance
     surface: Surface
     visibility: Visibility
+
+    @property
+    def stats(self) -> Stats:
+        """What the rasterizer left out."""
+        return self.visibility.stats

@@ -14,6 +14,13 @@ from .record import Scalar, record, static
 from .scene import LIGHT_KINDS, TEXTURE_SLOTS
 
 SHADINGS = ("standard", "local")
+EFFECTS = {
+    "shadow_map": ShadowMap,
+    "ambient": Ambient,
+    "emission": Emission,
+    "background": Background,
+    "dither": Dither,
+}
 
 
 @record
@@ -46,6 +53,13 @@ class Plan:
             value = getattr(self, name)
             if type(value) is not int or value < 1:
                 raise ValueError(f"Plan.{name} must be a whole number of at least 1, got {value!r}")
+        if type(self.cull) is not bool:
+            raise ValueError(f"Plan.cull must be True or False, got {self.cull!r}")
+        for name, kind in EFFECTS.items():
+            if not isinstance(getattr(self, name), kind | None):
+                raise ValueError(f"Plan.{name} must be None or {kind.__name__}(...), got {getattr(self, name)!r}")
+        if isinstance(self.exposure, str | bool | None):
+            raise ValueError(f"Plan.exposure must be a number, got {self.exposure!r}")
         for name, known in (("shading", SHADINGS), ("tonemap", tuple(TONEMAPS))):
             if getattr(self, name) not in known:
                 raise ValueError(f"Plan.{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")

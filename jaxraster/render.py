@@ -20,7 +20,7 @@ from .light.punctual import punctual
 from .light.shadow_map import shadow_map
 from .plan import Plan
 from .resolve import resolve
-from .scene import Camera, Scene
+from .scene import Camera, Scene, check_scene
 from .surface.gather import gather
 from .surface.material import material
 from .visibility.project import project
@@ -32,10 +32,10 @@ BRDFS = {"standard": standard, "local": blinn_phong}
 def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     """Draw `scene` from `camera` as `plan` says.
 
-    Undecorated: `jit`, `vmap` and `grad` are the caller's. Under jit take what is needed (`render(...).image`) and the
-    rest is dead code. Batches are mapped: `jax.vmap(render, in_axes=(None, 0, None))` for many cameras.
+    Under jit return what is needed: the rest is dead code. Map over batches: `vmap(render, in_axes=(None, 0, None))`.
 
     Gradient: exact in everything that shades a visible point; 0 through coverage, the depth test and shadows."""
+    check_scene(scene, camera)
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
     def effect(function, settings, *inputs, otherwise=None, **sizes) -> Any:

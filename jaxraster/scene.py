@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .check import below, fit, fit_record
 from .record import record
 
 
@@ -141,6 +142,20 @@ class Scene:
     environment: Environment
 
 
+def check_scene(scene: Scene, camera: Camera) -> None:
+    """Raise one line for what is no scene or no camera, or a batch of them, or an index that names nothing.
+
+    Indices are looked at where they are known: outside of `jit`, or closed over.
+    """
+    fit_record("scene", scene, Scene)
+    fit_record("camera", camera, Camera)
+    below("scene.mesh.faces", scene.mesh.faces, scene.mesh.vertices.shape[0], "vertices")
+    below("scene.mesh.material", scene.mesh.material, scene.materials.metallic.shape[0], "materials")
+    for slot in TEXTURE_SLOTS:
+        rows, count = getattr(scene.materials, f"{slot}_texture"), scene.textures.levels.shape[0]
+        below(f"scene.materials.{slot}_texture", rows, count, "textures", least=-1)
+
+
 LIGHT_KINDS = ("directional", "point", "spot")
 TEXTURE_SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emissive")
 REPEAT, CLAMP, MIRROR = 0, 1, 2
@@ -165,11 +180,22 @@ def _halve(image: np.ndarray) -> np.ndarray:
 def pack_textures(images: Sequence[np.ndarray], wrap: Sequence[tuple[int, int]] | None = None) -> Textures:
     """Linear float images `[h, w, 4]` of any sizes, with all their mip levels, in one buffer.
 
-    Runs on the host. The mean of every level equals the image's, also for odd sizes. Without images the buffer holds
-    one white texel, so that it may still be gathered from.
+    Runs on the host. `wrap` holds two of REPEAT, CLAMP and MIRROR per image, along u and v; all repeat if it is left
+    out. The mean of every level equals the image's, also for odd sizes. Without images the buffer holds one white
+    texel, so that it may still be gathered from.
+
+    Example:
+        >>> pack_textures([np.ones((4, 2, 4), np.float32)]).levels.tolist()
+        [[[0, 2, 4], [8, 1, 2], [10, 1, 1]]]
     """
+    for i, image in enumerate(images):
+        fit(f"pack_textures: images[{i}]", image, Float[Array, "h w 4"])
+        if 0 in image.shape:
+            raise ValueError(f"pack_textures: images[{i}] has no texels, its shape is {list(image.shape)}")
     images = [np.asarray(image, np.float32) for image in images] or [np.ones((1, 1, 4), np.float32)]
-    wrap = list(wrap) if wrap else [(REPEAT, REPEAT)] * len(images)
+    wrap = [(REPEAT, REPEAT)] * len(images) if wrap is None or len(wrap) == 0 else [tuple(pair) for pair in wrap]
+    if len(wrap) != len(images) or any(len(p) != 2 or not {*p} <= {REPEAT, CLAMP, MIRROR} for p in wrap):
+        raise ValueError(f"pack_textures: wrap must hold two of 0, 1, 2 for each of {len(images)} images, got {wrap}")
     texels, levels, offset = [], [], 0
     for image in images:
         rows = []

@@ -12,6 +12,7 @@ filter's ramp belongs to the map's texels, not to the scene.
 Source: Williams 1978; Reeves, Salesin & Cook 1987; slope bias as in Direct3D's "Depth Bias", in texels.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
@@ -19,7 +20,7 @@ from jaxtyping import Array, Float
 from ..buffers import Surface
 from ..math import safe
 from ..math.table import fetch
-from ..math.transform import frame, stop
+from ..math.transform import frame
 from ..record import Scalar, record, static
 from ..scene import Directional, Mesh
 from ..visibility.raster import rasterize_depth
@@ -72,7 +73,7 @@ def _taps(texel, size):
 
 def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: ShadowMap) -> Float[Array, "*b"]:
     """The share of the light that reaches each pixel, in [0, 1]."""
-    surface, mesh, lights = stop((surface, mesh, lights))
+    surface, mesh, lights = jax.tree.map(lax.stop_gradient, (surface, mesh, lights))
     size = settings.resolution
     count = lights.direction.shape[0]
     if mesh.faces.shape[0] == 0 or count == 0:
@@ -81,11 +82,12 @@ def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: Shad
         raise ValueError(f"ShadowMap.light is {settings.light}, but the scene has {count} directional lights")
     axes = _light_frame(lights.direction[settings.light])
 
-    # Fit the projection to all finite vertices; height grows towards the light, depth 1 is the nearest to it.
+    # Fit the projection to all finite corners; height grows towards the light, depth 1 is the nearest to it.
     vertices = _rotate(axes, mesh.vertices)
-    finite = jnp.all(jnp.isfinite(vertices), axis=-1, keepdims=True)
-    low = jnp.min(jnp.where(finite, vertices, jnp.inf), axis=0)
-    high = jnp.max(jnp.where(finite, vertices, -jnp.inf), axis=0)
+    fitted = jnp.zeros(len(vertices), bool).at[mesh.faces].set(True)[:, None]
+    fitted &= jnp.all(jnp.isfinite(vertices), axis=-1, keepdims=True)
+    low = jnp.min(jnp.where(fitted, vertices, jnp.inf), axis=0)
+    high = jnp.max(jnp.where(fitted, vertices, -jnp.inf), axis=0)
     low, high = (jnp.where(jnp.isfinite(bound), bound, 0.0) for bound in (low, high))
     extent = jnp.maximum(high - low, safe.TINY)
     texel = extent[:2] / (size - 2 * MARGIN)

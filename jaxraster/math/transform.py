@@ -26,7 +26,8 @@ def _require(rule: str, holds: Callable[..., bool], **values) -> None:
     with np.errstate(over="ignore"):
         rounded = [np.asarray(value).astype(jnp.result_type(float)) for value in values.values()]
     if not holds(*rounded):
-        numbers = ", ".join(f"{name} {np.asarray(value)}".replace("\n", "") for name, value in values.items())
+        # As lists: how arrays print is a setting of the whole process.
+        numbers = ", ".join(f"{name} {np.asarray(value).tolist()}" for name, value in values.items())
         raise ValueError(f"{rule}, got {numbers}")
 
 
@@ -192,8 +193,3 @@ def rotation(axis: Vector, angle: Length) -> Float[Array, "3 3"]:
 def perspective_divide(clip: Float[Array, "*b 4"]) -> Float[Array, "*b 3"]:
     """(x, y, z) / w, and 0 where w is 0."""
     return divide(clip[..., :3], jnp.broadcast_to(clip[..., 3:], clip[..., :3].shape))
-
-
-def stop(tree):
-    """`stop_gradient` of every leaf."""
-    return jax.tree.map(jax.lax.stop_gradient, tree)

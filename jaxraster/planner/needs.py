@@ -130,8 +130,9 @@ def _may_shadow(facts: _Facts, directions: np.ndarray, plan_size: dict) -> bool 
     for corners in _members(facts.scene.mesh.vertices):
         triangles = corners[facts.scene.mesh.faces]
         triangles = triangles[np.isfinite(triangles).all(axis=(1, 2))]
-        finite = corners[np.isfinite(corners).all(axis=1)].astype(np.float64)
-        size = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
+        fitted = corners[np.unique(facts.scene.mesh.faces)].astype(np.float64)
+        fitted = fitted[np.isfinite(fitted).all(axis=1)]
+        size = float(np.linalg.norm(np.ptp(fitted, axis=0))) if len(fitted) else 0.0
         for matrix in _members(np.asarray(clip_from_world(facts.camera, **plan_size))):
             receivers = visible_polygons(triangles, matrix)
             for direction in directions:
@@ -173,8 +174,8 @@ def plan_for(
 
     # Decide on light first: what it reaches decides the rest.
     single_sided = (~facts.scene.materials.double_sided[facts.used]).any()
-    reasons["cull"] = Reason(bool(single_sided), "some" if single_sided else "no")
-    reasons["cull"] = reasons["cull"]._replace(why=f"{reasons['cull'].why} material in use is single-sided")
+    some = "some" if single_sided else "no"
+    reasons["cull"] = Reason(bool(single_sided), f"{some} material in use is single-sided")
     lit = facts.surroundings()
     tones = "has light" if lit else "is black"
     for slot in TEXTURE_SLOTS:

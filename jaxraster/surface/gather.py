@@ -13,7 +13,7 @@ from ..math import safe
 from ..math.table import fetch
 from ..record import record
 from ..scene import CLAMP, Camera, Scene
-from ..visibility.barycentric import combine, footprint, interpolate, rows
+from ..visibility.barycentric import combine, interpolate, rows, spread
 
 
 @record
@@ -90,5 +90,5 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
         tangent=tangent,
         view=view,
         uv=combine(uv_corners, visibility.barycentric),
-        footprint=footprint(uv_corners, clip, mesh.faces, visibility),
+        footprint=spread(uv_corners, clip, mesh.faces, visibility),
     )

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from ..check import fit
 from ..math.table import fetch
 from ..scene import CLAMP, MIRROR, REPEAT, Textures
 
@@ -55,12 +56,28 @@ def _bilinear(texels, level, u, v, wrap):
 
 
 def texture(
-    textures: Textures, index: Int[Array, "*b"], uv: Float[Array, "*b 2"], footprint: Float[Array, "*b 2 2"]
+    textures: Textures, index: int | Int[Array, "*#b"], uv: Float[Array, "*b 2"], footprint: Float[Array, "*b 2 2"]
 ) -> Float[Array, "*b 4"]:
-    """RGBA of texture `index` at `uv`, white where the index is -1.
+    """RGBA of texture `index`, one for all or each its own, at `uv`; white where the index is -1.
 
-    `footprint[..., i, j]` is ∂uv_i per pixel to the right (j = 0) and down (j = 1).
+    `footprint[..., i, j]` is ∂uv_i per pixel to the right (j = 0) and down (j = 1), as `footprint` makes it.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxraster import pack_textures
+        >>> ramp = np.linspace(0.0, 1.0, 4, dtype=np.float32)[None, :, None].repeat(4, axis=-1)
+        >>> texture(pack_textures([ramp]), 0, jnp.array([[0.125, 0.5]]), jnp.zeros((1, 2, 2)))[0, 0].item()
+        0.0
     """
+    index, uv, footprint = jnp.asarray(index), jnp.asarray(uv), jnp.asarray(footprint)
+    fit("texture: uv", uv, Float[Array, "*b 2"])
+    fit("texture: footprint", footprint, Float[Array, "*b 2 2"])
+    fit("texture: index", index, Int[Array, "*b"])
+    if footprint.shape != (*uv.shape, 2):
+        raise ValueError(
+            f"texture: uv is {list(uv.shape)}, but footprint {list(footprint.shape)}; it has one axis more"
+        )
+    index = jnp.broadcast_to(index, uv.shape[:-1])
     present = index >= 0
     index = jnp.maximum(index, 0)
     wrap = fetch(textures.wrap, index)

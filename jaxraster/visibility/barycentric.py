@@ -13,6 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from ..buffers import Visibility
+from ..check import below, fit
 from ..math import safe
 from ..math.table import fetch
 
@@ -79,22 +80,44 @@ def interpolate(
     """Perspective-correct attributes at every pixel, 0 where there is nothing.
 
     Gradient: exact in attributes and barycentrics.
+
+    Example:
+        >>> from jaxraster import rasterize
+        >>> clip = jnp.array([[-1.0, -1.0, 0.5, 1.0], [3.0, -1.0, 0.5, 1.0], [-1.0, 3.0, 0.5, 1.0]])
+        >>> visibility = rasterize(clip, jnp.array([[0, 1, 2]]), height=1, width=2)
+        >>> interpolate(clip[:, :1], jnp.array([[0, 1, 2]]), visibility)[..., 0].tolist()
+        [[-0.5, 0.5]]
     """
-    if attributes.ndim != 2:
-        raise ValueError(f"interpolate: attributes must be [v, c], got {list(attributes.shape)}; vmap over a batch")
+    fit("interpolate: attributes", attributes, Float[Array, "v c"], batched=False)
+    fit("interpolate: faces", faces, Int[Array, "f 3"])
+    below("interpolate: faces", faces, attributes.shape[0], "vertices")
+    attributes, faces = jnp.asarray(attributes), jnp.asarray(faces)
     table = attributes[faces].reshape(faces.shape[0], 3 * attributes.shape[1])
     corners = rows(table, visibility.face, jnp.zeros(table.shape[1], attributes.dtype))
     return combine(corners, visibility.barycentric)
 
 
 def footprint(
+    attributes: Float[Array, "v c"], clip: Float[Array, "v 4"], faces: Int[Array, "f 3"], visibility: Visibility
+) -> Float[Array, "h w c 2"]:
+    """∂attribute/∂(pixel right, pixel down), exactly: what `texture` asks for uv. 0 where there is nothing.
+
+    No differences between neighbouring pixels: with s = Σe, ∂β_i = (∂e_i - β_i ∂s) / s, and e is linear in X and Y.
+    Gradient: exact.
+    """
+    sizes: dict[str, int] = {}
+    fit("footprint: attributes", attributes, Float[Array, "v c"], sizes, batched=False)
+    fit("footprint: clip", clip, Float[Array, "v 4"], sizes, batched=False)
+    attributes, clip = jnp.asarray(attributes), jnp.asarray(clip)
+    table = attributes[faces].reshape(faces.shape[0], 3 * attributes.shape[1])
+    corners = rows(table, visibility.face, jnp.zeros(table.shape[1], attributes.dtype))
+    return spread(corners, clip, faces, visibility)
+
+
+def spread(
     corners: Float[Array, "h w m"], clip: Float[Array, "v 4"], faces: Int[Array, "f 3"], visibility: Visibility
 ) -> Float[Array, "h w c 2"]:
-    """∂attribute/∂(pixel right, pixel down), exactly: no differences between neighbouring pixels.
-
-    `corners` are the three corners' attributes of each pixel's face, laid end to end. With s = Σe,
-    ∂β_i = (∂e_i - β_i ∂s) / s, and e is linear in X and Y. 0 where there is nothing.
-    """
+    """`footprint` of the three corners' attributes of each pixel's face, laid end to end."""
     qx, qy, w, _, e = _edges(clip, faces, visibility.face)
     height, width = visibility.face.shape
     total = e[0] + e[1] + e[2]

@@ -19,6 +19,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from ..buffers import Stats, Visibility
+from ..check import below, fit
 from ..math.table import fetch
 from .barycentric import LIMIT, barycentric
 from .clip import CORNERS, clip_polygon, plane_distances
@@ -141,12 +142,16 @@ def _nearest(clip, faces, sides, *, height, width, depth_only):
     num_pixels, num_faces = height * width, faces.shape[0]
     guard_x, guard_y = 2.0 * GUARD / width, 2.0 * GUARD / height
 
+    # Leave out faces that name no vertex: a gather would clamp their indices, and draw some other triangle.
+    exists = jnp.all((faces >= 0) & (faces < clip.shape[0]), axis=1)
+    faces = jnp.where(exists[:, None], faces, 0)
+
     # Snap every vertex once, and set up the faces that need no clipping.
     finite = jnp.all(jnp.abs(clip) < LIMIT, axis=-1)
     clip = jnp.where(finite[:, None], clip, 1.0).astype(jnp.float32)
     whole = jnp.all(plane_distances(clip, guard_x, guard_y) >= 0, axis=-1) & (clip[:, 3] > 0)
     x, y, depth = _screen(jnp.where(whole[:, None], clip, 1.0), height, width)
-    face_finite = jnp.all(finite[faces], axis=1)
+    face_finite = jnp.all(finite[faces], axis=1) & exists
     face_whole = jnp.all(whole[faces], axis=1) & face_finite
     rows, tiles, winding = _setup(x[faces], y[faces], depth[faces], face_whole, sides, height, width)
 
@@ -194,8 +199,9 @@ def _nearest(clip, faces, sides, *, height, width, depth_only):
     buffer = jnp.zeros(passes * num_pixels + 1, jnp.int32) + jnp.min(faces, initial=0) * 0
     buffer = lax.while_loop(lambda state: state[0] < passes * groups, draw_group, (jnp.int32(0), buffer))[1]
     stats = Stats(
-        non_finite=jnp.sum(~face_finite, dtype=jnp.int32),
+        non_finite=jnp.sum(~face_finite & exists, dtype=jnp.int32),
         degenerate=jnp.sum(face_whole & (winding == 0), dtype=jnp.int32),
+        out_of_range=jnp.sum(~exists, dtype=jnp.int32),
     )
     if depth_only:
         return lax.bitcast_convert_type(buffer[:-1].reshape(height, width), jnp.float32), stats
@@ -222,7 +228,7 @@ def _sides(cull, num_faces):
         raise ValueError(
             f"rasterize: cull must be None, 'back', 'front' or a bool array [f], f = {num_faces}, got {cull!r}"
         )
-    return cull.astype(jnp.int32)
+    return jnp.asarray(cull).astype(jnp.int32)
 
 
 def rasterize(
@@ -234,7 +240,8 @@ def rasterize(
         clip: positions with z already in [0, w]: w at the near plane, 0 at the far (fragments at or beyond it are not
             drawn). Triangles with a corner that is not finite or not below 1.844e18 are not drawn, change no pixel,
             and are counted in `stats`, as are those without area.
-        faces: indices of corners; counter-clockwise on the screen is the front.
+        faces: indices of corners; counter-clockwise on the screen is the front. An index that names no vertex raises
+            where it is known when tracing, and is counted in `stats` otherwise.
         height, width: static; under `jit` close over them.
         cull: None, "back", "front", or a bool per face that drops the back of those faces.
 
@@ -248,10 +255,9 @@ def rasterize(
         >>> rasterize(clip, jnp.array([[0, 1, 2]]), height=2, width=2).face.tolist()
         [[-1, -1], [0, -1]]
     """
-    if clip.ndim < 2 or clip.shape[-1] != 4 or not jnp.issubdtype(clip.dtype, jnp.floating):
-        raise ValueError(f"rasterize: clip must be float [..., v, 4], got {clip.dtype.name} {list(clip.shape)}")
-    if faces.ndim != 2 or faces.shape[-1] != 3 or not jnp.issubdtype(faces.dtype, jnp.integer):
-        raise ValueError(f"rasterize: faces must be int [f, 3], got {faces.dtype.name} {list(faces.shape)}")
+    fit("rasterize: clip", clip, Float[Array, "*b v 4"])
+    fit("rasterize: faces", faces, Int[Array, "f 3"])
+    below("rasterize: faces", faces, clip.shape[-2], "vertices")
     for name, size in (("height", height), ("width", width)):
         if type(size) is not int or size < 1:
             raise ValueError(f"rasterize: {name} must be a whole number of at least 1, got {size!r} (close over it)")
@@ -260,7 +266,7 @@ def rasterize(
     if clip.ndim > 2:
         per_picture = functools.partial(rasterize, height=height, width=width, cull=cull)
         return jax.vmap(per_picture, in_axes=(0, None))(clip, faces)
-    faces = faces.astype(jnp.int32)
+    clip, faces = jnp.asarray(clip), jnp.asarray(faces).astype(jnp.int32)
     if faces.shape[0] == 0 or clip.shape[0] == 0:
         # Draw one invisible triangle: gathers from empty tables are not defined.
         clip, faces, cull = jnp.full((1, 4), jnp.nan, clip.dtype), jnp.zeros((1, 3), jnp.int32), None

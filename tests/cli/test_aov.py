@@ -46,7 +46,7 @@ def frame() -> Frame:
             face=samples(FACE),
             barycentric=samples(RAMP),
             depth=samples(RAMP[..., 0]),
-            stats=Stats(non_finite=jnp.int32(0), degenerate=jnp.int32(0)),
+            stats=Stats(non_finite=jnp.int32(0), degenerate=jnp.int32(0), out_of_range=jnp.int32(0)),
         ),
     )
 

@@ -18,7 +18,6 @@ from jaxraster.math.transform import (
     perspective,
     perspective_divide,
     rotation,
-    stop,
     transform_points,
 )
 from jaxraster.scene import Camera
@@ -274,11 +273,6 @@ def test_dividing_by_no_w_gives_0():
     np.testing.assert_allclose(gradient, [[0.5, 0.5, 0.5, -3.0], [0, 0, 0, 0]], rtol=1e-6)
 
 
-def test_stop_keeps_values_and_drops_gradients():
-    value, gradient = jax.value_and_grad(lambda x: (stop({"a": x, "b": None})["a"] * x).sum())(jnp.arange(1.0, 4.0))
-    assert value == 14 and gradient.tolist() == [1, 2, 3]
-
-
 SMOOTH = {
     "look_at": (look_at, (3.0, -2.0, 1.0), (-1.0, 4.0, 7.0), (0.1, 1.0, 0.3)),
     "orbit": (orbit, 0.7, 0.4, 3.0, (1.0, 2.0, 3.0)),
@@ -327,7 +321,7 @@ REFUSED = {
     "eye is target": (look_at, ((1.0, 2.0, 3.0), (1.0, 2.0, 3.0)), r"look_at: eye and target must differ, got .*3\."),
     "eye rounds to target": (look_at, ((1e8, 0.0, 0.0), (1e8 + 1, 0.0, 0.0)), "eye and target must differ"),
     "eye NaN": (look_at, ((NAN, 0.0, 0.0), (0.0, 0.0, 0.0)), "must be finite, got eye .nan"),
-    "eye beyond float32": (look_at, ((1e300, 0.0, 0.0), (0.0, 0.0, 0.0)), r"finite, got eye .1\.e\+300"),
+    "eye beyond float32": (look_at, ((1e300, 0.0, 0.0), (0.0, 0.0, 0.0)), r"finite, got eye .1e\+300"),
     "up infinite": (look_at, ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, INF, 0.0)), "finite, .*up .*inf"),
     "distance 0": (orbit, (0.0, 0.0, 0.0), "orbit: 0 < distance < ∞ must hold, got distance 0.0"),
     "distance negative": (orbit, (0.0, 0.0, -1.0), "got distance -1.0"),

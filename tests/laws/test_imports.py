@@ -13,7 +13,7 @@ PACKAGE = ROOT / "jaxraster"
 
 # Left may not import right; names between two "<" are peers.
 LAW = """
-record errors math < metrics scene buffers < parameters geometry < visibility < surface < brdf < light < screen
+record errors math check < metrics scene buffers < parameters geometry < visibility < surface < brdf < light < screen
 < resolve < post < display < plan < scenes render < reference < bake < study planner probe inverse < cli < __main__
 """
 RANK = {name: rank for rank, group in enumerate(LAW.split("<")) for name in group.split()}

@@ -20,5 +20,5 @@ def faces_seen(clip, faces, *, height: int, width: int) -> jax.Array:
 def visible(clip, faces, face) -> Visibility:
     """The differentiable half of visibility, for given faces."""
     beta, depth = barycentric(clip, faces, face)
-    stats = Stats(non_finite=jnp.int32(0), degenerate=jnp.int32(0))
+    stats = Stats(non_finite=jnp.int32(0), degenerate=jnp.int32(0), out_of_range=jnp.int32(0))
     return Visibility(face=face, barycentric=beta, depth=depth, stats=stats)

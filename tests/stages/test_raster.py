@@ -257,9 +257,9 @@ def test_scaling_by_powers_of_two_changes_no_bit(draw):
 
 BAD_CALLS = [
     ({"clip": np.zeros((3, 3), np.float32)}, ValueError, r"clip must be float \[..., v, 4\], got float32 \[3, 3\]"),
-    ({"clip": np.zeros((4, 4), np.int32)}, ValueError, r"clip must be float .*, got int32 \[4, 4\]"),
+    ({"clip": np.zeros((4, 4), np.int32)}, TypeError, r"clip must be float .*, got int32 \[4, 4\]"),
     ({"faces": np.zeros((3, 1), np.int32)}, ValueError, r"faces must be int \[f, 3\], got int32 \[3, 1\]"),
-    ({"faces": np.zeros((1, 3), np.float32)}, ValueError, r"faces must be int \[f, 3\], got float32"),
+    ({"faces": np.zeros((1, 3), np.float32)}, TypeError, r"faces must be int \[f, 3\], got float32"),
     ({"cull": "both"}, ValueError, r"cull must be None, 'back', 'front' or a bool array \[f\], got 'both'"),
     ({"width": 0}, ValueError, r"width must be a whole number of at least 1, got 0"),
     ({"height": 2.5}, ValueError, r"height must be a whole number of at least 1, got 2.5"),

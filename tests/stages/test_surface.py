@@ -48,8 +48,7 @@ def drawn():
     @jax.jit
     def draw(clip, attributes, face) -> tuple[Visibility, jax.Array, jax.Array]:
         visibility = visible(clip, FACES, face)
-        corners = attributes[FACES].reshape(NUM_FACES, -1)[jnp.maximum(visibility.face, 0)]
-        return visibility, interpolate(attributes, FACES, visibility), footprint(corners, clip, FACES, visibility)
+        return visibility, interpolate(attributes, FACES, visibility), footprint(attributes, clip, FACES, visibility)
 
     rng = np.random.default_rng(9)
     attributes = rng.uniform(-2, 2, (3 * NUM_FACES, 3)).astype(np.float32)
@@ -149,8 +148,7 @@ def test_the_gradient_of_a_footprint_is_finite_everywhere(drawn):
 
     def total(clip, attributes, face):
         seen = visible(clip, FACES, face)
-        corners = attributes[FACES].reshape(NUM_FACES, -1)[jnp.maximum(face, 0)]
-        return jnp.sum(footprint(corners, clip, FACES, seen) ** 2)
+        return jnp.sum(footprint(attributes, clip, FACES, seen) ** 2)
 
     for slope in jax.jit(jax.grad(total, (0, 1)))(jnp.asarray(clip), jnp.asarray(attributes), visibility.face):
         assert jnp.isfinite(slope).all() and jnp.abs(slope).max() > 0
