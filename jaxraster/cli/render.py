@@ -104,9 +104,9 @@ def _load(arguments: argparse.Namespace):
 @contextlib.contextmanager
 def _step(seconds: dict[str, float], name: str, doing: str) -> Iterator[None]:
     """Show a step while it lasts and note its seconds."""
-    progress(f"{doing}...")
     start = time.perf_counter()
     with interruptible():
+        progress(f"{doing}...")
         yield
     seconds[name] = time.perf_counter() - start
 

@@ -207,7 +207,7 @@ def test_a_shadow_s_filter_reaches_no_farther_than_planned():
     scene = small.scene(directional=[(-towards, 1.0)])
     # Keep floor and card; let every other face be a point in a corner of the cube, which nothing can see.
     material = np.asarray(scene.mesh.material)
-    faces = np.where(np.isin(material, (FLOOR, CARD))[:, None], scene.mesh.faces, np.asarray(scene.mesh.faces)[:, :1])
+    faces = np.where(np.isin(material, (FLOOR, CARD))[:, None], scene.mesh.faces, np.asarray(scene.mesh.faces)[:, 2:])
     floor, card = (np.unique(faces[material == m]) for m in (FLOOR, CARD))
     vertices, points = np.zeros((len(scene.mesh.vertices), 3)), np.setdiff1d(faces, [*floor, *card])
     assert len(points) >= len(cube)
