@@ -41,6 +41,7 @@ from .scene import pack_textures as pack_textures
 from .surface.texture import texture as texture
 from .visibility.barycentric import footprint as footprint
 from .visibility.barycentric import interpolate as interpolate
+from .visibility.project import project as project
 from .visibility.raster import rasterize as rasterize
 
 __version__ = "0.1.0"

@@ -34,9 +34,9 @@ class Visibility:
 class Surface:
     """What shading needs at each pixel, in world space; where `mask` is false the values are finite and unused.
 
-    `normal` and `geometric_normal` are unit and face the viewer, `view` is unit towards it. `alpha` is the microfacet
-    width, roughness². `occlusion` in [0, 1] applies to ambient light alone. `uv` may be whole periods away from the
-    mesh's, where its textures repeat.
+    `normal` and `geometric_normal` are unit and face the viewer, `view` is unit towards it. `f0` and `f90` are what is
+    mirrored head on and at grazing angles, `alpha` is the microfacet width, roughness². `occlusion` in [0, 1] applies
+    to ambient light alone. `uv` may be whole periods away from the mesh's, where its textures repeat.
     """
 
     mask: Bool[Array, "*b"]
@@ -47,6 +47,7 @@ class Surface:
     uv: Float[Array, "*b 2"]
     diffuse_color: Float[Array, "*b 3"]
     f0: Float[Array, "*b 3"]
+    f90: Float[Array, "*b"]
     alpha: Float[Array, "*b"]
     emissive: Float[Array, "*b 3"]
     occlusion: Float[Array, "*b"]

@@ -6,10 +6,13 @@ Gradient: not touched.
 """
 
 import dataclasses
+import typing
 from typing import Any
 
 import jax
 import numpy as np
+
+HALF = ("float16", "bfloat16")  # too coarse for positions, and mixed with others in loops that keep their type
 
 
 def _wanted(annotation: Any, sizes: dict[str, int], batched: bool) -> str:
@@ -31,6 +34,8 @@ def fit(where: str, value: Any, annotation: Any, sizes: dict[str, int] | None = 
     if not hasattr(value, "dtype") or not hasattr(value, "shape"):
         raise TypeError(f"{wanted}, got {type(value).__name__}; make it an array")
     got = f"got {value.dtype} {list(value.shape)}"
+    if str(value.dtype) in HALF:
+        raise TypeError(f"{where} must be float32 or float64, {got}")
     # An index is an index, signed or not.
     if str(value.dtype).removeprefix("u") not in annotation.dtypes:
         raise TypeError(f"{wanted}, {got}")
@@ -38,25 +43,38 @@ def fit(where: str, value: Any, annotation: Any, sizes: dict[str, int] | None = 
     extra = len(value.shape) - len(axes)
     shape = value.shape[max(extra, 0) :]
     fits = all(size == (int(axis) if axis.isdigit() else sizes.get(axis, size)) for axis, size in zip(axes, shape))
-    if extra < 0 or not fits or (extra and "*" not in annotation.dim_str):
-        raise ValueError(f"{wanted}, {got}")
-    if extra and not batched:
+    if extra > 0 and fits and not (batched and "*" in annotation.dim_str):
         raise ValueError(f"{wanted}, {got}; map over a batch with jax.vmap")
+    if extra < 0 or not fits:
+        raise ValueError(f"{wanted}, {got}")
     sizes.update({axis: size for axis, size in zip(axes, shape) if not axis.isdigit()})
 
 
-def fit_record(where: str, value: Any, kind: type) -> None:
-    """Raise unless `value` is a record of this kind and every array in it fits its annotation, without a batch."""
+def fit_record(where: str, value: Any, kind: type, *, batched: bool = False) -> None:
+    """Raise unless `value` is a record of this kind and every array in it fits its annotation."""
     if not isinstance(value, kind):
         raise TypeError(f"{where} must be a {kind.__name__}, got {type(value).__name__}")
     sizes: dict[str, int] = {}
     for field in dataclasses.fields(value):
         name, part = f"{where}.{field.name}", getattr(value, field.name)
-        annotation: Any = field.type
+        optional = typing.get_args(field.type)
+        annotation: Any = optional[0] if optional else field.type
+        if optional and part is None:
+            continue
         if dataclasses.is_dataclass(annotation):
-            fit_record(name, part, annotation)
+            fit_record(name, part, annotation, batched=batched)
         else:
-            fit(name, part, annotation, sizes, batched=False)
+            fit(name, part, annotation, sizes, batched=batched)
+
+
+def fit_knobs(where: str, record: Any, kind: type) -> None:
+    """Raise unless `record` is of this kind and each of its leaves is one number."""
+    if not isinstance(record, kind):
+        raise TypeError(f"{where} must be a {kind.__name__}, got {type(record).__name__}")
+    for path, leaf in jax.tree_util.tree_leaves_with_path(record):
+        if shape := list(np.shape(leaf)):
+            name = f"{where}{jax.tree_util.keystr(path)}"
+            raise ValueError(f"{name} must be one number, got {shape}; map over a batch with jax.vmap")
 
 
 def below(where: str, indices: Any, count: int, of: str, *, least: int = 0) -> None:

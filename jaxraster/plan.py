@@ -4,6 +4,7 @@ A Plan's treedef (sizes, names, which effects there are) keys compilation; its l
 traced. Turning a knob compiles nothing; an effect that is None leaves nothing in the program.
 """
 
+from .check import fit_knobs
 from .display.dither import Dither
 from .display.tonemap import TONEMAPS
 from .light.ambient import Ambient
@@ -11,7 +12,7 @@ from .light.background import Background
 from .light.emission import Emission
 from .light.shadow_map import ShadowMap
 from .record import Scalar, record, static
-from .scene import LIGHT_KINDS, TEXTURE_SLOTS
+from .scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene, check_scene
 
 SHADINGS = ("standard", "local")
 EFFECTS = {
@@ -71,3 +72,9 @@ class Plan:
                 raise ValueError(f"Plan.{name} names {', '.join(sorted(twice))} twice, got {names}")
         if self.shading == "local" and self.shadow_map is not None:
             raise ValueError('Plan.shadow_map must be None where Plan.shading is "local", which has no visibility term')
+
+
+def check_inputs(scene: Scene, camera: Camera, plan: Plan) -> None:
+    """Raise one line for what cannot be rendered; see `check_scene`."""
+    check_scene(scene, camera)
+    fit_knobs("plan", plan, Plan)

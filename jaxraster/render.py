@@ -18,9 +18,9 @@ from .light.background import background
 from .light.emission import emission
 from .light.punctual import punctual
 from .light.shadow_map import shadow_map
-from .plan import Plan
+from .plan import Plan, check_inputs
 from .resolve import resolve
-from .scene import Camera, Scene, check_scene
+from .scene import Camera, Scene
 from .surface.gather import gather
 from .surface.material import material
 from .visibility.project import project
@@ -35,7 +35,7 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     Under jit return what is needed: the rest is dead code. Map over batches: `vmap(render, in_axes=(None, 0, None))`.
 
     Gradient: exact in everything that shades a visible point; 0 through coverage, the depth test and shadows."""
-    check_scene(scene, camera)
+    check_inputs(scene, camera, plan)
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
     def effect(function, settings, *inputs, otherwise=None, **sizes) -> Any:

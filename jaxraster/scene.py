@@ -20,7 +20,8 @@ class Mesh:
 
     `normals` are unit shading normals, `tangents` unit with the bitangent's sign in w (glTF: b = w · n × t), `uvs`
     have their origin at the top left of the image. Front faces are counter-clockwise; `material` is one row of
-    `Materials` per face.
+    `Materials` per face. A mesh may have a second set of uvs, and `colors`, linear RGBA by which the base
+    colour is multiplied.
     """
 
     vertices: Float[Array, "*b v 3"]
@@ -29,6 +30,8 @@ class Mesh:
     uvs: Float[Array, "*b v 2"]
     faces: Int[Array, "f 3"]
     material: Int[Array, " f"]
+    second_uvs: Float[Array, "*b v 2"] | None = None
+    colors: Float[Array, "*b v 4"] | None = None
 
 
 @record
@@ -38,6 +41,13 @@ class Materials:
     A `*_texture` is a row of `Textures`, or -1 for none, and multiplies its factor: `base_color` (linear RGB and
     alpha), `metallic` by the texture's blue, `roughness` (perceptual, alpha = roughness²) by its green, `emissive`
     (radiance, cd/m² up to exposure), `occlusion_strength` weighs the texture's red, `normal_scale` its slopes.
+
+    What few materials have is None where none of them does:
+    `uv_sets` and `uv_transforms` say per slot of `TEXTURE_SLOTS` which uvs it looks up (0, or 1 for the second ones)
+    and by which affine map they go first; `ior` is the dielectric's index of refraction (1.5); `specular` multiplies
+    its f0, by colour and by a weight that scales f90 too; `unlit` ones show their base colour whatever the light.
+    Carried along for what is not drawn yet: `alpha_mode` (OPAQUE, MASK or BLEND) with `alpha_cutoff`, `clearcoat`
+    (strength, roughness) and `sheen` (linear RGB, roughness).
     """
 
     base_color: Float[Array, "*b m 4"]
@@ -52,6 +62,15 @@ class Materials:
     occlusion_texture: Int[Array, " m"]
     emissive_texture: Int[Array, " m"]
     double_sided: Bool[Array, " m"]
+    uv_sets: Int[Array, "m slots"] | None = None
+    uv_transforms: Float[Array, "*b m slots 2 3"] | None = None
+    ior: Float[Array, "*b m"] | None = None
+    specular: Float[Array, "*b m 4"] | None = None
+    unlit: Bool[Array, " m"] | None = None
+    alpha_mode: Int[Array, " m"] | None = None
+    alpha_cutoff: Float[Array, "*b m"] | None = None
+    clearcoat: Float[Array, "*b m 2"] | None = None
+    sheen: Float[Array, "*b m 4"] | None = None
 
 
 @record
@@ -60,12 +79,15 @@ class Textures:
 
     Level l of texture t is `width × height` texels, row 0 on top, from `offset` on: `levels[t, l]` holds (offset,
     width, height). Textures with fewer levels repeat their last one. `wrap[t]` says how u and v leave [0, 1]:
-    0 repeat, 1 clamp to edge, 2 mirrored repeat.
+    0 repeat, 1 clamp to edge, 2 mirrored repeat. `filters[t]` says how texels are taken where they are magnified, where
+    they are minified, and between levels: 0 the nearest, 1 weighed linearly, and of levels 2 for the first one alone.
+    None is (1, 1, 1) for all: trilinear.
     """
 
     texels: Float[Array, "*b n 4"]
     levels: Int[Array, "t l 3"]
     wrap: Int[Array, "t 2"]
+    filters: Int[Array, "t 3"] | None = None
 
 
 @record
@@ -142,15 +164,15 @@ class Scene:
     environment: Environment
 
 
-def check_scene(scene: Scene, camera: Camera) -> None:
-    """Raise one line for what is no scene or no camera, or a batch of them, or an index that names nothing.
+def check_scene(scene: Scene, camera: Camera, *, batched: bool = False) -> None:
+    """Raise one line for what is no scene or no camera, or an index that names nothing, or an unexpected batch.
 
     Indices are looked at where they are known: outside of `jit`, or closed over.
     """
-    fit_record("scene", scene, Scene)
-    fit_record("camera", camera, Camera)
-    below("scene.mesh.faces", scene.mesh.faces, scene.mesh.vertices.shape[0], "vertices")
-    below("scene.mesh.material", scene.mesh.material, scene.materials.metallic.shape[0], "materials")
+    fit_record("scene", scene, Scene, batched=batched)
+    fit_record("camera", camera, Camera, batched=batched)
+    below("scene.mesh.faces", scene.mesh.faces, scene.mesh.vertices.shape[-2], "vertices")
+    below("scene.mesh.material", scene.mesh.material, scene.materials.double_sided.shape[0], "materials")
     for slot in TEXTURE_SLOTS:
         rows, count = getattr(scene.materials, f"{slot}_texture"), scene.textures.levels.shape[0]
         below(f"scene.materials.{slot}_texture", rows, count, "textures", least=-1)
@@ -159,6 +181,8 @@ def check_scene(scene: Scene, camera: Camera) -> None:
 LIGHT_KINDS = ("directional", "point", "spot")
 TEXTURE_SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emissive")
 REPEAT, CLAMP, MIRROR = 0, 1, 2
+NEAREST, LINEAR, FIRST = 0, 1, 2
+OPAQUE, MASK, BLEND = 0, 1, 2
 
 
 def _halve(image: np.ndarray) -> np.ndarray:
@@ -177,12 +201,27 @@ def _halve(image: np.ndarray) -> np.ndarray:
     return image.astype(np.float32)
 
 
-def pack_textures(images: Sequence[np.ndarray], wrap: Sequence[tuple[int, int]] | None = None) -> Textures:
+def _codes(name: str, rows: Sequence | None, default: tuple[int, ...], count: int) -> list[tuple[int, ...]]:
+    """A row of codes 0, 1, 2 for each of `count` images, the default where none are given."""
+    if rows is None or len(rows) == 0:
+        return [default] * count
+    rows = [tuple(row) for row in rows]
+    if len(rows) != count or any(len(row) != len(default) or not {*row} <= {0, 1, 2} for row in rows):
+        each = f"{len(default)} of 0, 1, 2 for each of {count} images"
+        raise ValueError(f"pack_textures: {name} must hold {each}, got {rows}")
+    return rows
+
+
+def pack_textures(
+    images: Sequence[np.ndarray],
+    wrap: Sequence[tuple[int, int]] | None = None,
+    filters: Sequence[tuple[int, int, int]] | None = None,
+) -> Textures:
     """Linear float images `[h, w, 4]` of any sizes, with all their mip levels, in one buffer.
 
-    Runs on the host. `wrap` holds two of REPEAT, CLAMP and MIRROR per image, along u and v; all repeat if it is left
-    out. The mean of every level equals the image's, also for odd sizes. Without images the buffer holds one white
-    texel, so that it may still be gathered from.
+    Runs on the host. `wrap` and `filters` hold a row of codes per image, as `Textures` explains them; left out, all
+    repeat and are trilinear. The mean of every level equals the image's, also for odd sizes. Without images the buffer
+    holds one white texel, so that it may still be gathered from.
 
     Example:
         >>> pack_textures([np.ones((4, 2, 4), np.float32)]).levels.tolist()
@@ -193,9 +232,9 @@ def pack_textures(images: Sequence[np.ndarray], wrap: Sequence[tuple[int, int]] 
         if 0 in image.shape:
             raise ValueError(f"pack_textures: images[{i}] has no texels, its shape is {list(image.shape)}")
     images = [np.asarray(image, np.float32) for image in images] or [np.ones((1, 1, 4), np.float32)]
-    wrap = [(REPEAT, REPEAT)] * len(images) if wrap is None or len(wrap) == 0 else [tuple(pair) for pair in wrap]
-    if len(wrap) != len(images) or any(len(p) != 2 or not {*p} <= {REPEAT, CLAMP, MIRROR} for p in wrap):
-        raise ValueError(f"pack_textures: wrap must hold two of 0, 1, 2 for each of {len(images)} images, got {wrap}")
+    wraps = _codes("wrap", wrap, (REPEAT, REPEAT), len(images))
+    trilinear = (LINEAR, LINEAR, LINEAR)
+    rules = _codes("filters", filters, trilinear, len(images))
     texels, levels, offset = [], [], 0
     for image in images:
         rows = []
@@ -212,5 +251,6 @@ def pack_textures(images: Sequence[np.ndarray], wrap: Sequence[tuple[int, int]] 
     return Textures(
         texels=jnp.asarray(np.concatenate(texels)),
         levels=jnp.asarray(np.array(table, np.int32)),
-        wrap=jnp.asarray(np.array(wrap, np.int32)),
+        wrap=jnp.asarray(np.array(wraps, np.int32)),
+        filters=None if {*rules} == {trilinear} else jnp.asarray(np.array(rules, np.int32)),
     )

@@ -6,7 +6,9 @@ import numpy as np
 from jaxraster.buffers import Surface
 
 
-def surface(position, normal=(0.0, 0.0, 1.0), view=None, *, diffuse=1.0, f0=0.0, alpha=0.25, occlusion=1.0) -> Surface:
+def surface(
+    position, normal=(0.0, 0.0, 1.0), view=None, *, diffuse=1.0, f0=0.0, f90=1.0, alpha=0.25, occlusion=1.0
+) -> Surface:
     """Surfaces at `position` `[*b, 3]`, seen along the normal unless `view` says otherwise; the rest broadcasts."""
     position = np.asarray(position, np.float32)
     shape = position.shape[:-1]
@@ -23,6 +25,7 @@ def surface(position, normal=(0.0, 0.0, 1.0), view=None, *, diffuse=1.0, f0=0.0,
         uv=full(0, 2),
         diffuse_color=full(diffuse, 3),
         f0=full(f0, 3),
+        f90=full(f90),
         alpha=full(alpha),
         emissive=full(0, 3),
         occlusion=full(occlusion),

@@ -5,9 +5,12 @@ from jaxtyping import Array, Float
 
 
 def directional_albedo(
-    f0: Float[Array, "*b 3"], n_dot_v: Float[Array, "*b"], alpha: Float[Array, "*b"]
+    f0: Float[Array, "*b 3"],
+    n_dot_v: Float[Array, "*b"],
+    alpha: Float[Array, "*b"],
+    f90: float | Float[Array, "*b"] = 1.0,
 ) -> Float[Array, "*b 3"]:
-    """∫ D V F (n·l) dl = f0·A + B of the single-scattering GGX lobe, fitted by two ratios of biquadratics.
+    """∫ D V F (n·l) dl = f0·A + f90·B of the single-scattering GGX lobe, fitted by two ratios of biquadratics.
 
     For roughness from 0.045 to 1 and n·v from 0.05 it is off the integral by at most 0.08 in A + B and 0.025 in B,
     from 0.01 by 0.1 and 0.04 (measured by the tests). Never above 1, so that what is left for the diffuse is not
@@ -30,4 +33,4 @@ def directional_albedo(
     terms = {(i, j): n_dot_v**i * alpha**j for i, j in coefficients}
     sums = [sum(c[row] * terms[power] for power, c in coefficients.items()) for row in range(4)]
     a, b = (jnp.clip(sums[row] / sums[row + 2], 0.0, 1.0)[..., None] for row in (0, 1))
-    return jnp.minimum(f0 * a + b, 1.0)
+    return jnp.minimum(f0 * a + jnp.broadcast_to(f90, alpha.shape)[..., None] * b, 1.0)

@@ -35,7 +35,7 @@ def standard(surface: Surface, l: Float[Array, "*b 3"]) -> tuple[Float[Array, "*
     n_dot_v = safe.dot(n, v)
     n_dot_v = jnp.where(n_dot_v < MIN_N_DOT_V, MIN_N_DOT_V, n_dot_v)
 
-    fresnel = schlick(surface.f0, safe.dot(v, h))
+    fresnel = schlick(surface.f0, safe.dot(v, h), surface.f90)
     lobe = ggx(n, h, surface.alpha) * smith_correlated(n_dot_v, n_dot_l, surface.alpha) * n_dot_l
     diffuse = lambert(surface.diffuse_color) * (1.0 - fresnel) * n_dot_l[..., None]
     return diffuse, jnp.where(lit, lobe, 0.0)[..., None] * fresnel

@@ -1,4 +1,4 @@
-"""Each buffer of a frame as a picture to look at.
+"""Each buffer of a frame as a picture to look at, and as channels of numbers.
 
 Light and colours get the display's curve; data (normals, coordinates, roughness) are written as they are. Black is
 nothing: no surface was seen there.
@@ -11,11 +11,12 @@ import numpy as np
 
 
 class AOV(NamedTuple):
-    """`pick(frame, camera, plan)` names a buffer of a frame, under jit; `show(mask, values)` makes a picture of it on
-    the host, [h w 3] in [0, 1], and a remark on its scale."""
+    """`pick(frame, camera, plan)` names a buffer of a frame, under jit; `show(mask, values, plan)` makes a picture of
+    it on the host, [h w 3] in [0, 1], and a remark on its scale. `channels` has a letter for each of its numbers."""
 
     pick: Callable[..., Any]
-    show: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, str]]
+    show: Callable[..., tuple[np.ndarray, str]]
+    channels: str
 
 
 def finite_pixels(image) -> tuple[np.ndarray, int]:
@@ -47,16 +48,8 @@ def _distance(frame, camera, plan):
 
 
 def _light(name: str):
-    """Pick one path of the light, displayed as the image is."""
-
-    def pick(frame, camera, plan):
-        from ..display.exposure import exposure
-        from ..display.tonemap import tonemap
-        from ..display.transfer import srgb_encode
-
-        return srgb_encode(tonemap(exposure(getattr(frame.radiance, name), plan.exposure), plan.tonemap))
-
-    return pick
+    """Pick one path of the light."""
+    return lambda frame, camera, plan: getattr(frame.radiance, name)
 
 
 def _picture(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -67,17 +60,24 @@ def _picture(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.clip(image, 0.0, 1.0)
 
 
-def _codes(mask, values):
+def _codes(mask, values, plan):
     """Show data in [0, 1] unchanged."""
     return _picture(mask, values), "data in [0, 1], no curve"
 
 
-def _shown(mask, values):
-    """Show what has already been through the display."""
-    return _picture(mask, values), "displayed as the image is"
+def _shown(mask, values, plan):
+    """Show light as the image is displayed."""
+    import jax.numpy as jnp
+
+    from ..display.exposure import exposure
+    from ..display.tonemap import tonemap
+    from ..display.transfer import srgb_encode
+
+    image = srgb_encode(tonemap(exposure(jnp.asarray(values), plan.exposure), plan.tonemap))
+    return _picture(mask, np.asarray(image)), "displayed as the image is"
 
 
-def _colour(mask, values):
+def _colour(mask, values, plan):
     """Show linear light through the sRGB curve alone."""
     import jax.numpy as jnp
 
@@ -86,22 +86,22 @@ def _colour(mask, values):
     return np.asarray(srgb_encode(jnp.asarray(_picture(mask, values)))), "linear colour through the sRGB curve"
 
 
-def _units(mask, values):
+def _units(mask, values, plan):
     """Show directions: 0.5 + 0.5 n."""
     return _picture(mask, 0.5 + 0.5 * values), "0.5 + 0.5 n in world space, no curve"
 
 
-def _fraction(mask, values):
+def _fraction(mask, values, plan):
     """Show coordinates modulo 1."""
     return _picture(mask, values % 1.0), "the fractions of u and v, no curve"
 
 
-def _roughness(mask, values):
+def _roughness(mask, values, plan):
     """Show the perceptual roughness, √alpha."""
     return _picture(mask, np.sqrt(values)), "perceptual roughness, no curve"
 
 
-def _hashed(mask, values):
+def _hashed(mask, values, plan):
     """Show numbers as colours, far apart for neighbours: fractions of multiples of 1/g, 1/g², 1/g³ with g⁴ = g + 1.
 
     Source: Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences".
@@ -113,7 +113,7 @@ def _hashed(mask, values):
 def _scaled(least: float, greatest: float, words: str):
     """Show values with their least drawn as the code `least` and their greatest as `greatest`, and tell both."""
 
-    def show(mask, values):
+    def show(mask, values, plan):
         seen = values[mask & np.isfinite(values).all(axis=-1)]
         low, high = (seen.min(0), seen.max(0)) if len(seen) else (np.zeros(values.shape[-1]),) * 2
         size = np.where(high > low, high - low, 1.0)
@@ -126,23 +126,24 @@ def _scaled(least: float, greatest: float, words: str):
 
 
 AOVS: dict[str, AOV] = {
-    "depth": AOV(_distance, _scaled(1.0, 0.1, "white to dark")),
-    "normal": AOV(_surface("normal"), _units),
-    "geometric_normal": AOV(_surface("geometric_normal"), _units),
-    "face": AOV(_visibility("face"), _hashed),
-    "barycentric": AOV(_visibility("barycentric"), _codes),
-    "uv": AOV(_surface("uv"), _fraction),
-    "position": AOV(_surface("position"), _scaled(0.0, 1.0, "black to white")),
-    "diffuse_color": AOV(_surface("diffuse_color"), _colour),
-    "f0": AOV(_surface("f0"), _colour),
-    "roughness": AOV(_surface("alpha"), _roughness),
-    "occlusion": AOV(_surface("occlusion"), _codes),
-    "emissive": AOV(_surface("emissive"), _colour),
-    "direct_diffuse": AOV(_light("direct_diffuse"), _shown),
-    "direct_specular": AOV(_light("direct_specular"), _shown),
-    "indirect_diffuse": AOV(_light("indirect_diffuse"), _shown),
-    "indirect_specular": AOV(_light("indirect_specular"), _shown),
-    "emitted": AOV(_light("emitted"), _shown),
+    "depth": AOV(_distance, _scaled(1.0, 0.1, "white to dark"), "Z"),
+    "normal": AOV(_surface("normal"), _units, "XYZ"),
+    "geometric_normal": AOV(_surface("geometric_normal"), _units, "XYZ"),
+    "face": AOV(_visibility("face"), _hashed, "Y"),
+    "barycentric": AOV(_visibility("barycentric"), _codes, "UVW"),
+    "uv": AOV(_surface("uv"), _fraction, "UV"),
+    "position": AOV(_surface("position"), _scaled(0.0, 1.0, "black to white"), "XYZ"),
+    "diffuse_color": AOV(_surface("diffuse_color"), _colour, "RGB"),
+    "f0": AOV(_surface("f0"), _colour, "RGB"),
+    "f90": AOV(_surface("f90"), _codes, "Y"),
+    "roughness": AOV(_surface("alpha"), _roughness, "Y"),
+    "occlusion": AOV(_surface("occlusion"), _codes, "Y"),
+    "emissive": AOV(_surface("emissive"), _colour, "RGB"),
+    "direct_diffuse": AOV(_light("direct_diffuse"), _shown, "RGB"),
+    "direct_specular": AOV(_light("direct_specular"), _shown, "RGB"),
+    "indirect_diffuse": AOV(_light("indirect_diffuse"), _shown, "RGB"),
+    "indirect_specular": AOV(_light("indirect_specular"), _shown, "RGB"),
+    "emitted": AOV(_light("emitted"), _shown, "RGB"),
 }
 
 
@@ -154,6 +155,12 @@ def pick(name: str, frame, camera, plan):
     return frame.surface.mask[n // 2 :: n, n // 2 :: n], buffer[n // 2 :: n, n // 2 :: n]
 
 
-def picture(name: str, mask, buffer) -> tuple[np.ndarray, str]:
+def picture(name: str, mask, buffer, plan) -> tuple[np.ndarray, str]:
     """A picked buffer as [h w 3] in [0, 1], and a remark on its scale."""
-    return AOVS[name].show(np.asarray(mask), np.asarray(buffer))
+    return AOVS[name].show(np.asarray(mask), np.asarray(buffer), plan)
+
+
+def channels(name: str, mask, buffer) -> dict[str, np.ndarray]:
+    """A picked buffer as named channels of plain numbers, `normal.X` and so on; 0 where nothing is."""
+    values = np.where(np.asarray(mask)[..., None], np.asarray(buffer), 0)
+    return {f"{name}.{letter}": values[..., i] for i, letter in enumerate(AOVS[name].channels)}

@@ -1,6 +1,7 @@
 """Reading a command's words: numbers in their ranges, names with a guess at what was meant, errors as one line."""
 
 import argparse
+import dataclasses
 import difflib
 import math
 import re
@@ -61,6 +62,17 @@ def direction(word: str) -> tuple[float, float, float]:
     if x == y == z == 0:
         raise argparse.ArgumentTypeError(f"a direction needs a length above zero, got {word!r}")
     return x, y, z
+
+
+def limit(word: str) -> tuple[str, int]:
+    """`NAME=N`: the name of a limit and a whole number of at least 1."""
+    from ..io.reading import Limits
+
+    name, _, number = word.partition("=")
+    known = [each.name for each in dataclasses.fields(Limits)]
+    if name not in known:
+        raise argparse.ArgumentTypeError(f"unknown name {name!r}{guess(name, known)}")
+    return name, whole(1)(number)
 
 
 def names(word: str) -> list[str]:

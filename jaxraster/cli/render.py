@@ -10,12 +10,9 @@ import pathlib
 import time
 from collections.abc import Iterator
 
-from ..errors import InputError, LimitError, UsageError
-from .arguments import choose, direction, finite, guess, names, whole
+from ..errors import InputError, UsageError
+from .arguments import choose, direction, finite, guess, limit, names, whole
 from .terminal import complain, interruptible, progress, say
-
-MAX_SIDE = 16384
-MAX_SAMPLES = 2**28  # of the whole picture: 256 Mi, of which every buffer of one float takes 1 GiB
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,12 +47,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME,...",
         help="also write these buffers as OUT.NAME.png; 'all' for every one, a wrong name lists them",
     )
+    option("--exr", metavar="FILE", help="also write linear light and the --aov buffers as channels of an EXR file")
+    repairs = parser.add_mutually_exclusive_group()
+    repairs.add_argument("--repair", action="store_true", help="drop what is broken in the file, and count it")
+    repairs.add_argument("--strict", action="store_true", help="refuse what would be put right, or clamped")
+    option(
+        "--limit",
+        type=limit,
+        action="append",
+        default=[],
+        metavar="NAME=N",
+        help="read or draw up to N of something; 'jaxraster limits' lists the names",
+    )
 
 
 def _check(arguments: argparse.Namespace) -> None:
     """Refuse what cannot be rendered or written, before anything slow begins."""
     from ..display.tonemap import TONEMAPS
+    from ..io.exr import check_exr
     from ..io.image import check_writable
+    from ..io.reading import Limits, exceed
     from ..plan import SHADINGS
     from .aov import AOVS
 
@@ -66,16 +77,15 @@ def _check(arguments: argparse.Namespace) -> None:
     for name in arguments.aov:
         choose("--aov", name, AOVS)
     width, height, n = arguments.width, arguments.height, arguments.supersample
+    limits = arguments.limits = Limits(**dict(arguments.limit))
     for option, side in (("--width", width), ("--height", height)):
-        if side > MAX_SIDE:
-            raise LimitError(None, option, f"{side} pixels are more than the limit of {MAX_SIDE}")
-    if width * height * n * n > MAX_SAMPLES:
-        raise LimitError(
-            None,
-            "",
-            f"{width} x {height} pixels with {n} x {n} samples are {width * height * n * n} "
-            f"samples, more than the limit of {MAX_SAMPLES}; choose a smaller picture",
-        )
+        if side > limits.picture_side:
+            exceed("picture_side", limits.picture_side, None, option, f"{side} pixels")
+    if (samples := width * height * n * n) > limits.picture_samples:
+        asked = f"{width} x {height} pixels with {n} x {n} samples are {samples} samples"
+        exceed("picture_samples", limits.picture_samples, None, "", asked)
+    if arguments.exr:
+        check_exr(arguments.exr)
     for path in (arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)):
         check_writable(path)
 
@@ -98,7 +108,14 @@ def _load(arguments: argparse.Namespace):
         return SCENES[name]()
     if not os.path.exists(name) and not os.path.splitext(name)[1]:
         raise InputError(name, "", f"neither a file nor a built-in scene{guess(name, SCENES)}")
-    return load(name, camera=arguments.camera or 0, light_direction=arguments.light_direction)
+    return load(
+        name,
+        camera=arguments.camera or 0,
+        light_direction=arguments.light_direction,
+        repair=arguments.repair,
+        strict=arguments.strict,
+        limits=arguments.limits,
+    )
 
 
 @contextlib.contextmanager
@@ -115,12 +132,14 @@ def run(arguments: argparse.Namespace) -> None:
     """Load, plan, compile, render, save; say what was done."""
     _check(arguments)
     import jax
+    import numpy as np
 
     from ..display.dither import Dither
+    from ..io.exr import write_exr
     from ..io.image import write_image
     from ..planner import explain, plan_for
     from ..render import render
-    from .aov import finite_pixels, pick, picture
+    from .aov import channels, finite_pixels, pick, picture
 
     seconds: dict[str, float] = {}
     with _step(seconds, "load", "loading"):
@@ -135,12 +154,13 @@ def run(arguments: argparse.Namespace) -> None:
     # Ask for the wanted buffers only: what is not returned is never computed.
     def buffers(scene, camera, plan):
         frame = render(scene, camera, plan)
-        return frame.image, [pick(name, frame, camera, plan) for name in arguments.aov]
+        light = frame.hdr if arguments.exr else None
+        return frame.image, light, [pick(name, frame, camera, plan) for name in arguments.aov]
 
     with _step(seconds, "compile", "compiling"):
         compiled = jax.jit(buffers).lower(scene, camera, plan).compile()
     with _step(seconds, "frame", "rendering"):
-        image, aovs = jax.block_until_ready(compiled(scene, camera, plan))
+        image, light, aovs = jax.block_until_ready(compiled(scene, camera, plan))
     say(" · ".join(f"{name} {value:.{3 if name == 'frame' else 2}f} s" for name, value in seconds.items()))
 
     progress("saving...")
@@ -150,8 +170,14 @@ def run(arguments: argparse.Namespace) -> None:
         complain("warning", f"{arguments.output}: {bad} of {total} pixels are not finite and written as black")
     write_image(arguments.output, image)
     say(f"wrote {arguments.output} ({arguments.width}x{arguments.height})")
-    for name, buffer in zip(arguments.aov, aovs):
+    for name, (mask, buffer) in zip(arguments.aov, aovs):
         path = _aov_path(arguments.output, name)
-        image, about = picture(name, *buffer)
+        image, about = picture(name, mask, buffer, plan)
         write_image(path, image)
         say(f"wrote {path} ({about})")
+    if arguments.exr:
+        planes = {letter: np.asarray(light[..., i]) for i, letter in enumerate("RGB")}
+        for name, (mask, buffer) in zip(arguments.aov, aovs):
+            planes |= channels(name, mask, buffer)
+        write_exr(arguments.exr, planes)
+        say(f"wrote {arguments.exr} ({', '.join(planes)})")

@@ -170,13 +170,12 @@ def _move(mesh: Mesh, matrix: Float[Array, "4 4"]) -> Mesh:
     mirrored = dot(cofactors[:, 0], columns[0]) < 0
     sign = jnp.where(mirrored, -1.0, 1.0).astype(matrix.dtype)
     tangents = normalize(multiply(mesh.tangents[..., :3], linear.T))
-    return Mesh(
+    return replace(
+        mesh,
         vertices=transform_points(matrix, mesh.vertices)[..., :3],
         normals=normalize(sign * multiply(mesh.normals, cofactors.T)),
         tangents=jnp.concatenate([tangents, sign * mesh.tangents[..., 3:]], axis=-1),
-        uvs=mesh.uvs,
         faces=jnp.where(mirrored, mesh.faces[:, ::-1], mesh.faces),
-        material=mesh.material,
     )
 
 
@@ -192,13 +191,18 @@ def place(mesh: Mesh, matrix: Float[Array, "4 4"], material: int | None = None) 
 
 
 def merge(meshes: Sequence[Mesh]) -> Mesh:
-    """One mesh of many; of none, the empty mesh."""
+    """One mesh of many; of none, the empty mesh. Second uvs and colours are 0 and white where a mesh has none."""
     if not meshes:
         shapes = {"vertices": 3, "normals": 3, "tangents": 4, "uvs": 2}
         floats = {name: jnp.zeros((0, n), jnp.float32) for name, n in shapes.items()}
         return Mesh(**floats, faces=jnp.zeros((0, 3), jnp.int32), material=jnp.zeros(0, jnp.int32))
     offsets = np.cumsum([0, *(m.vertices.shape[-2] for m in meshes)], dtype=np.int32)
     join = {n: jnp.concatenate([getattr(m, n) for m in meshes], -2) for n in ("vertices", "normals", "tangents", "uvs")}
+    for name, filler in (("second_uvs", jnp.zeros((1, 2))), ("colors", jnp.ones((1, 4)))):
+        if any(getattr(m, name) is not None for m in meshes):
+            parts = [getattr(m, name) for m in meshes]
+            fillers = [jnp.broadcast_to(filler, (*m.vertices.shape[:-1], filler.shape[1])) for m in meshes]
+            join[name] = jnp.concatenate([f if p is None else p for p, f in zip(parts, fillers)], -2)
     return Mesh(
         **join,
         faces=jnp.concatenate([m.faces + int(o) for m, o in zip(meshes, offsets)]),

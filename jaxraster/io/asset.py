@@ -8,13 +8,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..errors import LimitError
 from ..geometry.normals import vertex_normals, vertex_tangents
 from ..math.transform import frame
-from ..scene import Camera, Directional, Lights, Materials, Mesh, Point, Spot, Textures
+from ..scene import (
+    OPAQUE,
+    TEXTURE_SLOTS,
+    Camera,
+    Directional,
+    Lights,
+    Materials,
+    Mesh,
+    Point,
+    Spot,
+    Textures,
+)
+from .reading import Limits, exceed
 
-MOST_TRIANGLES = 2**26
-LARGEST = 1e18  # of coordinates and light alike: squares and products of two are still float32
+# Of coordinates and light alike: a tenth of √FLT_MAX, so that sums of products of two are float32; the rasterizer skips
+# triangles beyond it.
+LARGEST = 1.844e18
 
 
 class Asset(NamedTuple):
@@ -29,7 +41,7 @@ class Asset(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Some triangles of one material. Zeros stand for normals and tangents that the file does not give."""
+    """Some triangles. Zeros stand for normals and tangents that the file does not give, None for what few files do."""
 
     vertices: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
@@ -37,6 +49,8 @@ class Piece(NamedTuple):
     uvs: Float[np.ndarray, "v 2"]
     faces: Int[np.ndarray, "f 3"]
     material: Int[np.ndarray, " f"]
+    second_uvs: Float[np.ndarray, "v 2"] | None = None
+    colors: Float[np.ndarray, "v 4"] | None = None
 
 
 def floats(values, *shape: int) -> Float[Array, "..."]:
@@ -44,23 +58,46 @@ def floats(values, *shape: int) -> Float[Array, "..."]:
     return jnp.asarray(np.array(values, np.float32).reshape(shape))
 
 
-def unit(vectors: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
+def unit(vectors: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3"]:
     """v / |v| on the host, and 0 where v is 0."""
-    length = np.sqrt(np.sum(vectors * vectors, axis=1, keepdims=True))
+    length = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
-def join_pieces(pieces: list[Piece], normal_texture: Int[Array, " m"], file: str) -> Mesh:
+def _join_optional(pieces: list[Piece], name: str, filler: tuple[float, ...]) -> Array | None:
+    """What only some pieces have, with a filler for the others; None if no piece has it."""
+    if all(getattr(piece, name) is None for piece in pieces):
+        return None
+    blank = np.array(filler, np.float32)
+    parts = [np.tile(blank, (len(p.vertices), 1)) if getattr(p, name) is None else getattr(p, name) for p in pieces]
+    return jnp.asarray(np.concatenate(parts).astype(np.float32))
+
+
+def _normal_map_uvs(piece: Piece, materials: Materials) -> Float[np.ndarray, "v 2"]:
+    """The uvs at which a piece's normal map is looked up: what its tangents have to follow. A piece of a file that has
+    uv sets or maps of uvs is of one material."""
+    row, slot = piece.material[0], TEXTURE_SLOTS.index("normal")
+    second = materials.uv_sets is not None and materials.uv_sets[row, slot] == 1 and piece.second_uvs is not None
+    uvs = np.asarray(piece.second_uvs if second else piece.uvs)
+    if materials.uv_transforms is None:
+        return uvs
+    matrix = np.asarray(materials.uv_transforms[row, slot])
+    return uvs @ matrix[:, :2].T + matrix[:, 2]
+
+
+def join_pieces(pieces: list[Piece], materials: Materials, file: str, limits: Limits) -> Mesh:
     """One mesh of all pieces. Normals that are missing are means over the triangles around.
 
     So are missing tangents where a normal texture needs them; elsewhere any that are perpendicular to the normal do.
     """
-    count = sum(len(piece.faces) for piece in pieces)
-    if count > MOST_TRIANGLES:
-        raise LimitError(file, "", f"has {count} triangles; at most {MOST_TRIANGLES} are read")
+    if (count := sum(len(piece.faces) for piece in pieces)) > limits.triangles:
+        exceed("triangles", limits.triangles, file, "", f"has {count} triangles")
     first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     # Compute on the host what needs no formula: every new shape would compile each operation anew.
-    vertices, normals, tangents, uvs = (np.concatenate([p[i] for p in pieces]).astype(np.float32) for i in range(4))
+    vertices, normals, tangents, uvs = (
+        np.concatenate([getattr(piece, name) for piece in pieces]).astype(np.float32)
+        for name in ("vertices", "normals", "tangents", "uvs")
+    )
     faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, first)]).astype(np.int32)
     material = np.concatenate([piece.material for piece in pieces]).astype(np.int32)
 
@@ -69,13 +106,18 @@ def join_pieces(pieces: list[Piece], normal_texture: Int[Array, " m"], file: str
         normals[missing] = np.asarray(jax.jit(vertex_normals)(vertices, faces))[missing]
     missing = ~np.any(tangents[:, :3] != 0, axis=-1)
     # Ask only for the faces that will look their normal up in a texture.
-    mapped = (np.asarray(normal_texture)[material] >= 0) & missing[faces].any(axis=1)
+    mapped = (np.asarray(materials.normal_texture)[material] >= 0) & missing[faces].any(axis=1)
     if mapped.any():
-        tangents[missing] = np.asarray(jax.jit(vertex_tangents)(vertices, normals, uvs, faces))[missing]
+        places = np.concatenate([_normal_map_uvs(piece, materials) for piece in pieces]).astype(np.float32)
+        tangents[missing] = np.asarray(jax.jit(vertex_tangents)(vertices, normals, places, faces))[missing]
     elif missing.any():
         tangents[missing, :3], tangents[missing, 3] = np.asarray(jax.jit(frame)(normals)[0])[missing], 1.0
     arrays = (jnp.asarray(a) for a in (vertices, normals, tangents, uvs, faces, material))
-    return Mesh(**dict(zip(("vertices", "normals", "tangents", "uvs", "faces", "material"), arrays)))
+    return Mesh(
+        **dict(zip(("vertices", "normals", "tangents", "uvs", "faces", "material"), arrays)),
+        second_uvs=_join_optional(pieces, "second_uvs", (0.0, 0.0)),
+        colors=_join_optional(pieces, "colors", (1.0, 1.0, 1.0, 1.0)),
+    )
 
 
 DEFAULT_MATERIAL = {
@@ -92,14 +134,28 @@ DEFAULT_MATERIAL = {
     "emissive_texture": -1,
     "double_sided": False,
 }
+UNMAPPED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # uvs as they are
+# What is None in `Materials` unless some row has it.
+RARE = {
+    "uv_sets": (0,) * len(TEXTURE_SLOTS),
+    "uv_transforms": (UNMAPPED,) * len(TEXTURE_SLOTS),
+    "ior": 1.5,
+    "specular": (1.0, 1.0, 1.0, 1.0),
+    "unlit": False,
+    "alpha_mode": OPAQUE,
+    "alpha_cutoff": 0.5,
+    "clearcoat": (0.0, 0.0),
+    "sheen": (0.0, 0.0, 0.0, 0.0),
+}
 
 
 def stack_materials(rows: list[dict]) -> Materials:
     """`Materials` of one dict a row, which names what differs from a smooth white dielectric."""
-    kinds = {float: np.float32, tuple: np.float32, int: np.int32, bool: np.bool_}
+    rare = {name: default for name, default in RARE.items() if any(row.get(name, default) != default for row in rows)}
+    kinds = {"f": np.float32, "i": np.int32, "b": np.bool_}
     columns = {
-        name: jnp.asarray(np.array([row.get(name, default) for row in rows], kinds[type(default)]))
-        for name, default in DEFAULT_MATERIAL.items()
+        name: jnp.asarray(np.array([row.get(name, default) for row in rows], kinds[np.array(default).dtype.kind]))
+        for name, default in (DEFAULT_MATERIAL | rare).items()
     }
     return Materials(**columns)
 

@@ -6,18 +6,18 @@ import secrets
 import stat
 from collections.abc import Iterator
 
-from ..errors import InputError, LimitError, OutputError
+from ..errors import InputError, OutputError
+from .reading import DEFAULT, Limits, exceed
 
 Path = str | os.PathLike
-MOST_BYTES = 2**31  # the largest count that every length and offset in these formats can hold
 
 
 def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-def read_file(path: Path) -> bytes:
-    """The bytes of a regular file that is neither empty nor larger than 2 GiB."""
+def read_file(path: Path, limits: Limits = DEFAULT) -> bytes:
+    """The bytes of a regular file that is neither empty nor larger than the limit."""
     try:
         # Ask before opening: a pipe would wait for ever, and a device never end.
         status = os.stat(path)
@@ -25,8 +25,8 @@ def read_file(path: Path) -> bytes:
             raise InputError(path, "", "is a folder; name a file in it")
         if not stat.S_ISREG(status.st_mode):
             raise InputError(path, "", "is not a regular file; copy it to one")
-        if status.st_size > MOST_BYTES:
-            raise LimitError(path, "", f"has {status.st_size} bytes; at most {MOST_BYTES} are read")
+        if status.st_size > limits.file_bytes:
+            exceed("file_bytes", limits.file_bytes, path, "", f"has {status.st_size} bytes")
         with open(path, "rb") as file:
             data = file.read()
     except (OSError, ValueError) as error:

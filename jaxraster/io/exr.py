@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from ..errors import Error, InputError, OutputError
-from .disk import Path, read_file, write_file
+from .disk import Path, check_file, read_file, write_file
 from .radiance import AGAIN, check_size
+from .reading import DEFAULT, Limits
 
 MOST_RATIO = 1032  # bytes of pixels from a byte of file, above 64 MiB: what zlib, its tightest usual code, reaches
 MOST_NAME = 255  # characters of a channel's name
@@ -41,7 +42,7 @@ def _window(header: Mapping[str, Any], name: str) -> tuple[slice, slice]:
     return slice(int(top), int(bottom) + 1), slice(int(left), int(right) + 1)
 
 
-def _check_header(package: ModuleType, header: Mapping[str, Any], size: int, name: str) -> None:
+def _check_header(package: ModuleType, header: Mapping[str, Any], size: int, name: str, limits: Limits) -> None:
     """Refuse what is not a plain picture, or larger than is read, before its pixels are decoded."""
     if header.get("type") in (package.deepscanline, package.deeptile):
         raise InputError(name, "", "holds deep pixels, which are not supported; flatten the picture")
@@ -56,7 +57,7 @@ def _check_header(package: ModuleType, header: Mapping[str, Any], size: int, nam
         sizes.append((header["tiles"].ySize, header["tiles"].xSize))
     for height, width in sizes:
         # Count two bytes a value: the header does not say whether it holds halves or floats.
-        check_size(height, width, 2 * height * width * len(header["channels"]), size, name, ratio=MOST_RATIO)
+        check_size(height, width, 2 * height * width * len(header["channels"]), size, name, limits, ratio=MOST_RATIO)
 
 
 def _place(pixels: Shaped[np.ndarray, "a b"], header: Mapping[str, Any]) -> Shaped[np.ndarray, "h w"]:
@@ -75,9 +76,9 @@ def _place(pixels: Shaped[np.ndarray, "a b"], header: Mapping[str, Any]) -> Shap
     return canvas
 
 
-def _read(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any], int]:
+def _read(path: Path, limits: Limits) -> tuple[dict[str, np.ndarray], Mapping[str, Any], int]:
     """The channels and the header of a file's first part, and how many parts there are."""
-    name, data, package = os.fspath(path), read_file(path), _package(path, InputError)
+    name, data, package = os.fspath(path), read_file(path, limits), _package(path, InputError)
     if data[:4] != b"\x76\x2f\x31\x01":
         raise InputError(name, "", "is not an OpenEXR picture; export the picture again")
     # Keep what the package prints about broken pixels, which it then leaves out without raising.
@@ -86,7 +87,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any], int]:
         with contextlib.redirect_stdout(printed):
             parts = package.File(io.BytesIO(data), header_only=True).parts
             for part in parts:
-                _check_header(package, part.header, len(data), name)
+                _check_header(package, part.header, len(data), name, limits)
             read = package.File(io.BytesIO(data), separate_channels=True).parts
             if len(read) < len(parts):
                 raise ValueError(printed.getvalue().split(" - ")[-1])
@@ -99,17 +100,17 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any], int]:
     return channels, read[0].header, len(parts)
 
 
-def read_exr(path: Path) -> dict[str, Shaped[np.ndarray, "h w"]]:
+def read_exr(path: Path, limits: Limits = DEFAULT) -> dict[str, Shaped[np.ndarray, "h w"]]:
     """The channels of an EXR file's first part by name: float16, float32 or uint32 as they are stored.
 
     Of a broken file OpenEXR itself may print lines, on the standard error stream, before the `InputError`.
     """
-    return _read(path)[0]
+    return _read(path, limits)[0]
 
 
-def read_exr_light(path: Path) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+def read_exr_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
     """Linear light of an EXR file, and notes on what was left out: R, G and B, or Y, or those of its only layer."""
-    channels, header, num_parts = _read(path)
+    channels, header, num_parts = _read(path, limits)
     name = os.fspath(path)
     if "RY" in channels or "BY" in channels:
         raise InputError(name, "", "stores luminance and chroma, which is not supported; export RGB")
@@ -149,6 +150,12 @@ def _channel(name: str, pixels) -> Shaped[np.ndarray, "h w"]:
             raise TypeError(f"channels: expected floats or uint32 for {name!r}, got {pixels.dtype}")
         pixels = pixels.astype(np.float32)
     return np.ascontiguousarray(pixels)
+
+
+def check_exr(path: Path) -> None:
+    """Raise the `OutputError` that `write_exr` would end in, as far as it can be known before rendering."""
+    _package(path, OutputError)
+    check_file(path)
 
 
 def write_exr(path: Path, channels: Mapping[str, Any]) -> None:

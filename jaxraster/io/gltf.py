@@ -1,64 +1,77 @@
 """glTF 2.0 files, .gltf and .glb, as a mesh, materials, textures, lights and cameras."""
 
-from .asset import Asset, join_pieces
+import numpy as np
+
+from .asset import Asset, Piece, join_pieces
 from .disk import Path
-from .gltf_container import read_document
+from .gltf_container import Document, read_document
 from .gltf_light import PUNCTUAL, read_cameras, read_lights
-from .gltf_material import read_materials
+from .gltf_material import EXTENSIONS, read_materials
 from .gltf_mesh import place_piece, read_primitive
-from .gltf_node import place_nodes
-from .pointer import Notes, fail, note, reference, rows, strings
+from .gltf_node import Matrix, place_nodes
+from .gltf_texture import TRANSFORM, WEBP
+from .pointer import Json, fail, reference, rows, strings
+from .reading import Reading, exceed
 
-SUPPORTED = frozenset((PUNCTUAL, "KHR_materials_emissive_strength", "KHR_mesh_quantization"))
-MOST_NAMES = 5
-
-
-def _sentences(notes: Notes) -> tuple[str, ...]:
-    """One sentence for each kind of note, with the first few of its places."""
-    sentences = []
-    for what, where in notes.items():
-        named = [place for place in where if place]
-        more = f" and {len(named) - MOST_NAMES} more" if len(named) > MOST_NAMES else ""
-        sentences.append(f"{what}{': ' if named else ''}{', '.join(named[:MOST_NAMES])}{more}")
-    return tuple(sentences)
+SUPPORTED = EXTENSIONS | {PUNCTUAL, TRANSFORM, WEBP, "KHR_mesh_quantization"}
 
 
-def read_gltf(path: Path) -> Asset:
+def _read_pieces(document: Document, placed: list[tuple[Json, Matrix]], num_materials: int) -> list[Piece]:
+    """The triangles of all nodes in world space; a mesh is read once, however often it stands in the scene."""
+    meshes, reading = rows(document.root, "meshes"), document.reading
+    read: dict[str, list[Piece]] = {}
+    uses: dict[str, list[int]] = {}
+    num_triangles = 0
+    for order, (node, _) in enumerate(placed):
+        mesh = reference(node, "mesh", meshes)
+        if mesh is None:
+            continue
+        if mesh.where not in read:
+            primitives = [read_primitive(document, p, num_materials) for p in rows(mesh, "primitives")]
+            read[mesh.where] = [piece for piece in primitives if piece is not None]
+        uses.setdefault(mesh.where, []).append(order)
+        # Count before placing: a file of a few bytes can ask for any number of instances.
+        num_triangles += sum(len(piece.faces) for piece in read[mesh.where])
+        if num_triangles > (most := reading.limits.triangles):
+            exceed("triangles", most, node.file, node.where, f"brings the scene to {num_triangles} triangles")
+
+    # Place all instances of a mesh together, and put them into the order of their nodes.
+    found: dict[int, tuple[Piece, ...]] = {}
+    for where, orders in uses.items():
+        nodes, matrices = zip(*(placed[order] for order in orders))
+        columns = [place_piece(piece, np.stack(matrices), list(nodes), reading) for piece in read[where]]
+        found |= dict(zip(orders, zip(*columns)))
+    return [piece for order in sorted(found) for piece in found[order] if len(piece.faces)]
+
+
+def read_gltf(path: Path, reading: Reading | None = None) -> Asset:
     """Read the scene of a glTF file into world space.
 
     Materials keep the order of the file; triangles, lights and cameras follow the order of its nodes.
     """
-    document, notes = read_document(path, SUPPORTED), {}
+    reading = reading or Reading()
+    document = read_document(path, SUPPORTED, reading)
     root = document.root
     for extension in strings(root, "extensionsUsed"):
         if extension not in SUPPORTED:
-            note(notes, f"extension {extension} is ignored")
+            reading.ignore(f"extension {extension} is ignored")
     if root.value.get("animations"):
-        note(notes, "animations are ignored")
+        reading.ignore("animations are ignored")
 
-    placed = place_nodes(root)
-    meshes, num_materials = rows(root, "meshes"), len(rows(root, "materials"))
-    read, pieces = {}, []
-    for node, matrix in placed:
-        mesh = reference(node, "mesh", meshes)
-        if mesh is None:
-            continue
-        # Read a mesh once, however often it stands in the scene.
-        if mesh.where not in read:
-            primitives = [read_primitive(document, p, num_materials, notes) for p in rows(mesh, "primitives")]
-            read[mesh.where] = [piece for piece in primitives if piece is not None]
-        pieces.extend(place_piece(piece, matrix, node) for piece in read[mesh.where])
+    placed, num_materials = place_nodes(root, reading), len(rows(root, "materials"))
+    pieces = _read_pieces(document, placed, num_materials)
     if not pieces:
         fail(root, "contains no triangles; export a mesh with the scene")
-
     default = any(piece.material[0] == num_materials for piece in pieces)
-    materials, textures = read_materials(document, default, notes)
-    mesh = join_pieces(pieces, materials.normal_texture, root.file)
+    materials, textures = read_materials(document, default)
+    # Carry no second uvs along that nothing looks up.
+    if materials.uv_sets is None:
+        pieces = [piece._replace(second_uvs=None) for piece in pieces]
     return Asset(
-        mesh=mesh,
+        mesh=join_pieces(pieces, materials, root.file, reading.limits),
         materials=materials,
         textures=textures,
         lights=read_lights(root, placed),
-        cameras=read_cameras(root, placed, notes),
-        notes=_sentences(notes),
+        cameras=read_cameras(root, placed),
+        notes=reading.notes(),
     )

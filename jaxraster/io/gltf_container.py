@@ -16,14 +16,16 @@ from typing import NamedTuple
 from ..errors import InputError
 from .disk import Path, read_file
 from .pointer import Json, fail, integer, member, parse, rows, strings, table
+from .reading import Limits, Reading
 
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
 class Document(NamedTuple):
-    """A parsed glTF file, the folder its names are relative to, its buffers' bytes, their views and accessors."""
+    """A parsed glTF file and how it is read, the folder its names are relative to, its buffers, views and accessors."""
 
     root: Json
+    reading: Reading
     folder: pathlib.Path
     buffers: list[bytes]
     views: list[Json]
@@ -55,7 +57,7 @@ def _split_glb(data: bytes, file: str) -> tuple[bytes, bytes | None]:
     return chunks[0][1], binary
 
 
-def read_uri(at: Json, folder: pathlib.Path) -> bytes:
+def read_uri(at: Json, folder: pathlib.Path, limits: Limits) -> bytes:
     """The bytes behind a URI: data in place, or a file in the document's folder or below."""
     uri = at.value
     if uri.startswith("data:"):
@@ -73,15 +75,15 @@ def read_uri(at: Json, folder: pathlib.Path) -> bytes:
     if os.path.isabs(name) or name.split(os.sep)[0] == os.pardir:
         fail(at, f"{uri[:60]} lies outside the file's folder; move it beside this file")
     try:
-        return read_file(folder / name)
+        return read_file(folder / name, limits)
     except InputError as error:
         fail(at, f"{uri[:60]} {error.message}")
 
 
-def _read_buffer(at: Json, folder: pathlib.Path, chunk: bytes | None) -> bytes:
+def _read_buffer(at: Json, folder: pathlib.Path, chunk: bytes | None, limits: Limits) -> bytes:
     length = integer(at, "byteLength", low=1)
     if "uri" in at.value:
-        data = read_uri(member(at, "uri", str), folder)
+        data = read_uri(member(at, "uri", str), folder, limits)
     elif chunk is not None:
         data = chunk
     else:
@@ -91,9 +93,9 @@ def _read_buffer(at: Json, folder: pathlib.Path, chunk: bytes | None) -> bytes:
     return data[:length]
 
 
-def read_document(path: Path, supported: frozenset[str]) -> Document:
+def read_document(path: Path, supported: frozenset[str], reading: Reading) -> Document:
     """Parse a .gltf or .glb file and fetch its buffers; refuse one that requires more than the extensions supported."""
-    file, data = os.fspath(path), read_file(path)
+    file, data = os.fspath(path), read_file(path, reading.limits)
     is_glb = data[:4] == b"glTF" or file.lower().endswith(".glb")
     text, chunk = _split_glb(data, file) if is_glb else (data, None)
     root = parse(text, file)
@@ -106,5 +108,5 @@ def read_document(path: Path, supported: frozenset[str]) -> Document:
             fail(root, f"requires {extension}, which is not supported; export it without")
     folder = pathlib.Path(file).parent
     buffers = rows(root, "buffers")
-    data = [_read_buffer(b, folder, chunk if i == 0 else None) for i, b in enumerate(buffers)]
-    return Document(root, folder, data, rows(root, "bufferViews"), rows(root, "accessors"))
+    data = [_read_buffer(b, folder, chunk if i == 0 else None, reading.limits) for i, b in enumerate(buffers)]
+    return Document(root, reading, folder, data, rows(root, "bufferViews"), rows(root, "accessors"))

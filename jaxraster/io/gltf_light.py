@@ -7,13 +7,13 @@ Source: Khronos Group, "KHR_lights_punctual"; "glTF 2.0 Specification", 2021, se
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from ..math.transform import perspective
+from ..math.transform import orthographic, perspective
 from ..scene import Camera, Lights
 from .asset import LARGEST, floats, stack_lights
 from .gltf_node import Matrix
-from .pointer import Json, Notes, fail, member, note, number, numbers, reference, rows, table
+from .pointer import Json, fail, member, number, numbers, reference, rows, table
 
 PUNCTUAL = "KHR_lights_punctual"
 
@@ -63,21 +63,36 @@ def _rigid(node: Json, matrix: Matrix) -> Matrix:
     return pose
 
 
-def read_cameras(root: Json, placed: list[tuple[Json, Matrix]], notes: Notes) -> tuple[Camera, ...]:
-    """The perspective cameras of a scene, in the order of its nodes; their aspect ratio is left to the picture."""
+def _perspective(lens: Json) -> Float[Array, "4 4"]:
+    fov, near = number(lens, "yfov"), number(lens, "znear")
+    far = number(lens, "zfar", math.inf)
+    if not (0 < fov < math.pi and 0 < near < far):
+        fail(lens, f"needs 0 < yfov < π and 0 < znear < zfar, has {fov:g}, {near:g} and {far:g}")
+    return perspective(fov, near, far)
+
+
+def _orthographic(lens: Json) -> Float[Array, "4 4"]:
+    half, near, far = number(lens, "ymag"), number(lens, "znear"), number(lens, "zfar")
+    number(lens, "xmag")
+    if not (half != 0 and 0 <= near < far):
+        fail(lens, f"needs ymag other than 0 and 0 <= znear < zfar, has {half:g}, {near:g} and {far:g}")
+    return orthographic(abs(half), near, far)
+
+
+_LENSES = {"perspective": _perspective, "orthographic": _orthographic}
+
+
+def read_cameras(root: Json, placed: list[tuple[Json, Matrix]]) -> tuple[Camera, ...]:
+    """The cameras of a scene, in the order of its nodes; their aspect ratio is left to the picture."""
     kinds, cameras = rows(root, "cameras"), []
     for node, matrix in placed:
         camera = reference(node, "camera", kinds)
         if camera is None:
             continue
-        if member(camera, "type", str).value != "perspective":
-            note(notes, "cameras that are not perspective are left out", camera.where)
-            continue
-        lens = table(camera, "perspective")
-        fov, near = number(lens, "yfov"), number(lens, "znear")
-        far = number(lens, "zfar", math.inf)
-        if not (0 < fov < math.pi and 0 < near < far):
-            fail(lens, f"needs 0 < yfov < π and 0 < znear < zfar, has {fov:g}, {near:g} and {far:g}")
+        kind = member(camera, "type", str)
+        if kind.value not in _LENSES:
+            fail(kind, f"is {kind.value[:20]!r}, not one of {', '.join(_LENSES)}")
         pose = floats(_rigid(node, matrix), 4, 4)
-        cameras.append(Camera(world_from_view=pose, clip_from_view=perspective(fov, near, far)))
+        projection = _LENSES[kind.value](table(camera, kind.value))
+        cameras.append(Camera(world_from_view=pose, clip_from_view=projection))
     return tuple(cameras)

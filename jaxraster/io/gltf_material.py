@@ -1,16 +1,19 @@
-"""glTF materials with their textures and samplers.
+"""glTF materials: factors, and the textures that they name.
 
-Source: Khronos Group, "glTF 2.0 Specification", 2021, sections 3.8 and 3.9; "KHR_materials_emissive_strength".
+Source: Khronos Group, "glTF 2.0 Specification", 2021, section 3.9; the extensions KHR_materials_emissive_strength,
+_ior, _unlit, _specular, _clearcoat and _sheen.
 """
 
-from ..scene import CLAMP, MIRROR, REPEAT, TEXTURE_SLOTS, Materials, Textures, pack_textures
+from ..scene import BLEND, MASK, OPAQUE, TEXTURE_SLOTS, Materials, Textures
 from .asset import LARGEST, stack_materials
-from .gltf_accessor import read_view
-from .gltf_container import Document, read_uri
-from .image import read_image, srgb_to_linear
-from .pointer import Json, Notes, fail, integer, member, note, number, numbers, reference, rows, table
+from .gltf_container import Document
+from .gltf_texture import TextureTable
+from .pointer import Json, fail, member, number, numbers, rows, table
+from .reading import Reading
 
-_WRAP = {33071: CLAMP, 33648: MIRROR, 10497: REPEAT}
+PREFIX = "KHR_materials_"
+EXTENSIONS = frozenset(PREFIX + n for n in ("emissive_strength", "ior", "unlit", "specular", "clearcoat", "sheen"))
+_ALPHA_MODES = {"OPAQUE": OPAQUE, "MASK": MASK, "BLEND": BLEND}
 _PBR = "pbrMetallicRoughness"
 _MEMBERS = {
     "base_color": (_PBR, "baseColorTexture"),
@@ -19,97 +22,94 @@ _MEMBERS = {
     "occlusion": ("occlusionTexture",),
     "emissive": ("emissiveTexture",),
 }
-_ENCODED = ("base_color", "emissive")  # the slots whose images are sRGB; the others hold plain numbers
-
-# What makes a row of `Textures`: the image, its wrap modes, and whether it is sRGB -> the row.
-Rows = dict[tuple[int, tuple[int, int], bool], int]
 
 
-def _clamped(at: Json, key: str, default: tuple, high: float, notes: Notes) -> tuple[float, ...]:
+def _clamped(at: Json, key: str, default: tuple, high: float, reading: Reading) -> tuple[float, ...]:
     """Factors put into [0, high], with a note where they were not."""
     found = numbers(at, key, default)
     clamped = tuple(min(max(x, 0.0), high) for x in found)
     if clamped != found:
-        note(notes, f"{key} is clamped to [0, {high:g}]", at.where)
+        reading.mend(at.file, at.where, f"{key} is clamped to [0, {high:g}]")
     return clamped
 
 
-def _clamped_number(at: Json, key: str, notes: Notes) -> float:
-    found = number(at, key, 1.0)
+def _clamped_number(at: Json, key: str, default: float, reading: Reading) -> float:
+    found = number(at, key, default)
     if not 0.0 <= found <= 1.0:
-        note(notes, f"{key} is clamped to [0, 1]", at.where)
+        reading.mend(at.file, at.where, f"{key} is clamped to [0, 1]")
     return min(max(found, 0.0), 1.0)
 
 
-def _wrap(texture: Json, samplers: list[Json]) -> tuple[int, int]:
-    sampler = reference(texture, "sampler", samplers) or texture._replace(value={})
-    modes = [integer(sampler, key, 10497) for key in ("wrapS", "wrapT")]
-    for mode in modes:
-        if mode not in _WRAP:
-            fail(sampler, f"wrap mode {mode} is not one of {', '.join(map(str, _WRAP))}")
-    return _WRAP[modes[0]], _WRAP[modes[1]]
+def _read_alpha(material: Json, reading: Reading) -> dict:
+    mode = member(material, "alphaMode", str, "OPAQUE")
+    if mode.value not in _ALPHA_MODES:
+        fail(mode, f"is {mode.value[:20]!r}, not one of {', '.join(_ALPHA_MODES)}")
+    if mode.value != "OPAQUE":
+        name = member(material, "name", str, material.where).value
+        reading.ignore("transparent materials are drawn opaque", name)
+    cutoff = number(material, "alphaCutoff", 0.5, 0.0, LARGEST)
+    return {"alpha_mode": _ALPHA_MODES[mode.value], "alpha_cutoff": cutoff}
 
 
-def _texture_row(info: Json, slot: str, document: Document, found: Rows, notes: Notes) -> int:
-    """The row of `Textures` that a material's texture gets, a new one if nothing equal has one; -1 if it has none."""
-    if not info.value:
-        return -1
-    if integer(info, "texCoord", 0) != 0:
-        note(notes, "the first texture coordinates replace others", info.where)
-    textures, images = rows(document.root, "textures"), rows(document.root, "images")
-    texture = reference(info, "index", textures) or fail(info, "index is missing")
-    if reference(texture, "source", images) is None:
-        note(notes, "textures without a PNG or JPEG are left out", texture.where)
-        return -1
-    wrap = _wrap(texture, rows(document.root, "samplers"))
-    return found.setdefault((integer(texture, "source"), wrap, slot in _ENCODED), len(found))
+def _read_extensions(material: Json, reading: Reading) -> dict:
+    """What the extensions say beyond the metallic-roughness model."""
+    at = {name: table(material, "extensions", PREFIX + name) for name in ("ior", "specular", "clearcoat", "sheen")}
+    for extension in at.values():
+        for key in extension.value:
+            if key.endswith("Texture"):
+                reading.ignore(f"{key} is ignored", extension.where)
+    weight = _clamped_number(at["specular"], "specularFactor", 1.0, reading)
+    color = _clamped(at["specular"], "specularColorFactor", (1.0, 1.0, 1.0), LARGEST, reading)
+    coat = _clamped_number(at["clearcoat"], "clearcoatFactor", 0.0, reading)
+    sheen = _clamped(at["sheen"], "sheenColorFactor", (0.0, 0.0, 0.0), 1.0, reading)
+    for name, seen in (("clearcoat", coat), ("sheen", any(sheen))):
+        if seen:
+            reading.ignore(f"{name} is not drawn", material.where)
+    return {
+        "ior": _read_ior(at["ior"]),
+        "specular": (*color, weight),
+        "unlit": f"{PREFIX}unlit" in table(material, "extensions").value,
+        "clearcoat": (coat, _clamped_number(at["clearcoat"], "clearcoatRoughnessFactor", 0.0, reading)),
+        "sheen": (*sheen, _clamped_number(at["sheen"], "sheenRoughnessFactor", 0.0, reading)),
+    }
 
 
-def _read_material(material: Json, document: Document, found: Rows, notes: Notes) -> dict:
+def _read_ior(at: Json) -> float:
+    """An index of refraction of at least 1, or 0 for a surface that mirrors all light."""
+    ior = number(at, "ior", 1.5, 0.0, LARGEST)
+    if 0 < ior < 1:
+        fail(at, f"ior is {ior:g}, but 0 or at least 1 is needed; export the material again")
+    return ior
+
+
+def _read_material(material: Json, textures: TextureTable, reading: Reading) -> dict:
     pbr = table(material, _PBR)
     infos = {slot: table(material, *_MEMBERS[slot]) for slot in TEXTURE_SLOTS}
     emission = table(material, "extensions", "KHR_materials_emissive_strength")
     strength = number(emission, "emissiveStrength", 1.0, 0.0, LARGEST)
-    factor = _clamped(material, "emissiveFactor", (0.0, 0.0, 0.0), LARGEST, notes)
-    mode = member(material, "alphaMode", str, "OPAQUE").value
-    if mode != "OPAQUE":
-        note(notes, "transparent materials are drawn opaque", member(material, "name", str, material.where).value)
+    factor = _clamped(material, "emissiveFactor", (0.0, 0.0, 0.0), LARGEST, reading)
+    lookups = {slot: textures.lookup(infos[slot], slot) for slot in TEXTURE_SLOTS}
     return {
-        "base_color": _clamped(pbr, "baseColorFactor", (1.0, 1.0, 1.0, 1.0), 1.0, notes),
-        "metallic": _clamped_number(pbr, "metallicFactor", notes),
-        "roughness": _clamped_number(pbr, "roughnessFactor", notes),
-        "emissive": tuple(strength * x for x in factor),
+        "base_color": _clamped(pbr, "baseColorFactor", (1.0, 1.0, 1.0, 1.0), 1.0, reading),
+        "metallic": _clamped_number(pbr, "metallicFactor", 1.0, reading),
+        "roughness": _clamped_number(pbr, "roughnessFactor", 1.0, reading),
+        "emissive": tuple(min(strength * x, LARGEST) for x in factor),
         "normal_scale": number(infos["normal"], "scale", 1.0),
-        "occlusion_strength": _clamped_number(infos["occlusion"], "strength", notes),
+        "occlusion_strength": _clamped_number(infos["occlusion"], "strength", 1.0, reading),
         "double_sided": member(material, "doubleSided", bool, False).value,
-        **{f"{slot}_texture": _texture_row(infos[slot], slot, document, found, notes) for slot in TEXTURE_SLOTS},
+        **{f"{slot}_texture": lookup.row for slot, lookup in lookups.items()},
+        "uv_sets": tuple(lookup.uv_set for lookup in lookups.values()),
+        "uv_transforms": tuple(lookup.transform for lookup in lookups.values()),
+        **_read_alpha(material, reading),
+        **_read_extensions(material, reading),
     }
 
 
-def _read_picture(image: Json, document: Document):
-    """The decoded RGBA of an image, in a file, in place or in a buffer view."""
-    if ("uri" in image.value) == ("bufferView" in image.value):
-        fail(image, "needs either a uri or a bufferView; export it again")
-    if "uri" in image.value:
-        uri = member(image, "uri", str)
-        data, name = read_uri(uri, document.folder), "" if uri.value.startswith("data:") else f" ({uri.value})"
-    else:
-        data, name = bytes(read_view(document, image)[0]), ""
-    return read_image(data, name=f"{image.file}: {image.where}{name}")
-
-
-def read_materials(document: Document, default: bool, notes: Notes) -> tuple[Materials, Textures]:
-    """All materials in the order of the file, and the textures they use; `default` adds a row of glTF's defaults.
-
-    Base colour and emission become linear here, before any filtering.
-    """
+def read_materials(document: Document, default: bool) -> tuple[Materials, Textures]:
+    """All materials in the order of the file, and the textures they use; `default` adds a row of glTF's defaults."""
     materials = rows(document.root, "materials")
     if default:
         materials = [*materials, Json({}, document.root.file)]
-    found: Rows = {}
-    table_rows = [_read_material(material, document, found, notes) for material in materials]
-    # Decode every image once, however many rows it fills.
-    images = rows(document.root, "images")
-    pictures = {source: _read_picture(images[source], document) for source in {source: None for source, _, _ in found}}
-    texels = [srgb_to_linear(pictures[s]) if encoded else pictures[s] for s, _, encoded in found]
-    return stack_materials(table_rows), pack_textures(texels, [wrap for _, wrap, _ in found])
+    textures = TextureTable(document)
+    table_rows = [_read_material(material, textures, document.reading) for material in materials]
+    return stack_materials(table_rows), textures.pack()

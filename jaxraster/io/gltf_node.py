@@ -10,37 +10,48 @@ from jaxtyping import Float
 
 from .asset import LARGEST
 from .pointer import Json, fail, indices, numbers, reference, rows
+from .reading import Reading, exceed
 
 Matrix = Float[np.ndarray, "4 4"]
+UNIT = 1e-2  # how far a quaternion's length may be from 1: codes of 8 bits are half of that off
+_IDENTITY = np.eye(4)
+_MOVES = {"matrix", "translation", "rotation", "scale"}
 
 
-def local_matrix(node: Json) -> Matrix:
+def local_matrix(node: Json, reading: Reading) -> Matrix:
     """A node's own transform: its column-major `matrix`, or translation · rotation · scale."""
+    matrix = _IDENTITY.copy()
     if "matrix" in node.value:
-        matrix = np.array(numbers(node, "matrix", tuple(np.eye(4).ravel()))).reshape(4, 4).T
+        matrix = np.array(numbers(node, "matrix", tuple(_IDENTITY.ravel()))).reshape(4, 4).T
         if not np.array_equal(matrix[3], [0, 0, 0, 1]):
             fail(node, f"its matrix ends in the row {matrix[3].tolist()}, not in 0, 0, 0, 1; re-export the scene")
         return matrix
+    if "translation" in node.value:
+        matrix[:3, 3] = numbers(node, "translation", (0.0, 0.0, 0.0))
+    if "rotation" not in node.value and "scale" not in node.value:
+        return matrix
     x, y, z, w = numbers(node, "rotation", (0.0, 0.0, 0.0, 1.0))
     norm = math.hypot(x, y, z, w)
-    if norm == 0:
-        fail(node, "its rotation is the zero quaternion; re-export the scene")
-    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    if abs(norm - 1) > UNIT:
+        what = "scaled to one" if norm else "taken as none"
+        reading.mend(node.file, node.where, f"a rotation that is no unit quaternion is {what}")
+    x, y, z, w = (x / norm, y / norm, z / norm, w / norm) if norm else (0.0, 0.0, 0.0, 1.0)
     rotation = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.array(rotation) * numbers(node, "scale", (1.0, 1.0, 1.0))
-    matrix[:3, 3] = numbers(node, "translation", (0.0, 0.0, 0.0))
+    scale = numbers(node, "scale", (1.0, 1.0, 1.0))
+    if 0.0 in scale:
+        reading.ignore("a scale of 0 flattens what hangs on a node", node.where)
+    matrix[:3, :3] = np.array(rotation) * scale
     return matrix
 
 
 def _parents(nodes: list[Json]) -> dict[int, int]:
     parents = {}
     for i, node in enumerate(nodes):
-        for child in indices(node, "children", len(nodes)):
+        for child in indices(node, "children", len(nodes)) if "children" in node.value else ():
             if child in parents:
                 fail(node, f"node {child} is a child of both {parents[child]} and {i}; re-export the scene")
             parents[child] = i
@@ -59,9 +70,11 @@ def _parents(nodes: list[Json]) -> dict[int, int]:
     return parents
 
 
-def place_nodes(root: Json) -> list[tuple[Json, Matrix]]:
+def place_nodes(root: Json, reading: Reading) -> list[tuple[Json, Matrix]]:
     """Every node of the file's scene with its world transform (float64), in the order of the file."""
     nodes, scenes = rows(root, "nodes"), rows(root, "scenes")
+    if len(nodes) > (most := reading.limits.nodes):
+        exceed("nodes", most, root.file, f"{root.where}/nodes", f"has {len(nodes)} nodes")
     parents = _parents(nodes)
     scene = reference(root, "scene", scenes) or (scenes[0] if scenes else None)
     roots = indices(scene, "nodes", len(nodes)) if scene else [i for i in range(len(nodes)) if i not in parents]
@@ -72,11 +85,14 @@ def place_nodes(root: Json) -> list[tuple[Json, Matrix]]:
     for child, parent in parents.items():
         children.setdefault(parent, []).append(child)
 
-    world, waiting = {}, [(i, np.eye(4)) for i in roots]
+    world, waiting = {}, [(i, _IDENTITY) for i in roots]
     while waiting:
         i, above = waiting.pop()
-        world[i] = above @ local_matrix(nodes[i])
-        if (largest := np.abs(world[i]).max()) > LARGEST:
-            fail(nodes[i], f"its world transform holds {largest:.3g}; at most {LARGEST:g} is drawn")
+        world[i] = above if nodes[i].value.keys().isdisjoint(_MOVES) else above @ local_matrix(nodes[i], reading)
         waiting.extend((child, world[i]) for child in children.get(i, ()))
+    # Check all at once, and name the first on the way down; what overflows on the way is infinite or no number here.
+    largest = np.abs(np.stack(list(world.values()))).max(axis=(1, 2)) if world else np.zeros(0)
+    for i, size in zip(world, largest):
+        if not size <= LARGEST:
+            fail(nodes[i], f"its world transform holds {size:.3g}; at most {LARGEST:g} is drawn")
     return [(nodes[i], world[i]) for i in sorted(world)]

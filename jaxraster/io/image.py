@@ -1,5 +1,6 @@
 """8-bit and 16-bit pictures: PNG, JPEG and WebP in, PNG and JPEG out."""
 
+import io
 import os
 import warnings
 
@@ -10,32 +11,51 @@ from jaxtyping import Float, UInt
 from ..errors import Error, InputError, LimitError, OutputError
 from . import png
 from .disk import Path, check_file, read_file, write_file
+from .reading import DEFAULT, Limits
+
+JPEG = b"\xff\xd8\xff"
 
 
-def _decode(data: bytes, name: str) -> UInt[np.ndarray, "h w 4"]:
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Width and height of a WebP, by its first chunk. Source: Google, "WebP Container Specification", RFC 9649."""
+    if data[12:16] == b"VP8X":
+        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+    if data[12:16] == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    return int.from_bytes(data[26:28], "little") & 0x3FFF, int.from_bytes(data[28:30], "little") & 0x3FFF
+
+
+def _decode(data: bytes, name: str, limits: Limits) -> UInt[np.ndarray, "h w 4"]:
     """The RGBA codes of a PNG, JPEG or WebP, of 16 bits where the file has these."""
-    import imageio.v3 as iio
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+    from PIL.WebPImagePlugin import WebPImageFile
 
-    header = png.read_header(data, name) if data.startswith(png.MAGIC) else None
+    header = png.read_header(data, name, limits) if data.startswith(png.MAGIC) else None
     if header and header.depth == 16:
         return png.read_16_bits(data, header)
-    height, width = iio.improps(data, plugin="pillow", index=0).shape[:2]
-    png.check_size(width, height, name)
-    # Ask for the first frame: an animated PNG would give all.
-    codes = iio.imread(data, plugin="pillow", mode="RGBA", index=0)
+    # Name the decoder: where Pillow is left to find it, it has a limit of its own that only a global can raise.
+    decoder = PngImageFile if header else JpegImageFile if data.startswith(JPEG) else WebPImageFile
+    if decoder is WebPImageFile:
+        # This one makes room for all pixels before it tells their number.
+        png.check_size(*_webp_size(data), name, limits)
+    with decoder(io.BytesIO(data)) as picture:
+        png.check_size(*picture.size, name, limits)
+        codes = np.array(picture.convert("RGBA"))
     if header and header.kind == png.GREY and header.depth in (2, 4):
         codes[codes[..., 0] == png.transparent_grey(data, header), 3] = 0
     return codes
 
 
-def read_image(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h w 4"]:
+def read_image(source: Path | bytes, *, name: str = "", limits: Limits = DEFAULT) -> Float[np.ndarray, "h w 4"]:
     """RGBA in [0, 1] of a PNG, JPEG or WebP, still encoded as in the file: grey is repeated, absent alpha is 1.
 
     16-bit PNG keeps all its bits. Of an animated PNG comes the first frame. Profiles, gamma and orientation tags are
     ignored, as glTF demands. `name` is what errors call a picture given as bytes.
     """
-    data, name = (source, name) if isinstance(source, bytes) else (read_file(source), name or os.fspath(source))
-    if not data.startswith((png.MAGIC, b"\xff\xd8\xff")) and (data[:4], data[8:12]) != (b"RIFF", b"WEBP"):
+    data, name = (source, name) if isinstance(source, bytes) else (read_file(source, limits), name or os.fspath(source))
+    if not data.startswith((png.MAGIC, JPEG)) and (data[:4], data[8:12]) != (b"RIFF", b"WEBP"):
         raise InputError(name, "", "is not a PNG, JPEG or WebP; export the picture again")
     # A damaged animation of 200 bytes can keep its decoder busy for half a minute.
     if data[12:16] == b"VP8X" and data[20:21] and data[20] & 2:
@@ -44,7 +64,7 @@ def read_image(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h 
         with warnings.catch_warnings():
             # Let no warning about broken tags, which are ignored, refuse the pixels.
             warnings.simplefilter("ignore")
-            codes = _decode(data, name)
+            codes = _decode(data, name, limits)
     except Error:
         raise
     # The decoder reports broken files by SyntaxError, OSError, ValueError, struct.error, even AttributeError.
@@ -52,6 +72,7 @@ def read_image(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h 
         root = error
         while root.__cause__ is not None:
             root = root.__cause__
+        # WebP's decoder keeps to that limit nevertheless.
         if "DecompressionBomb" in type(root).__name__:
             raise LimitError(name, "", f"is too large: {str(root).rstrip('.')}; scale it down") from error
         # Quote what was meant for people; the rest names objects and buffers of the decoder.

@@ -16,17 +16,29 @@ from .gltf import read_gltf
 from .image import write_image
 from .mesh import read_mesh
 from .radiance import read_hdr, write_hdr
+from .reading import DEFAULT, Limits, Reading
 from .rig import frame_camera, key_direction, key_light, sky
 
 READERS = dict.fromkeys((".gltf", ".glb"), read_gltf) | dict.fromkeys((".obj", ".ply", ".stl", ".off"), read_mesh)
 
 
-def load(path: Path, *, camera: int = 0, light_direction: Iterable | None = None) -> tuple[Scene, Camera]:
+def load(
+    path: Path,
+    *,
+    camera: int = 0,
+    light_direction: Iterable | None = None,
+    repair: bool = False,
+    strict: bool = False,
+    limits: Limits | None = None,
+) -> tuple[Scene, Camera]:
     """The scene in a glTF, OBJ, PLY, STL or OFF file, and its `camera`-th camera.
 
     A file without cameras gets one that frames it. A file with lights has these alone; one without gets a warm key
     light from the camera's upper left and a two-tone environment. `light_direction`, three numbers along which the
     light travels, replaces all lights by such a rig. What is ignored is said by one `AssetWarning` each.
+
+    What is broken raises an `InputError`; `repair` drops it instead and counts it in a warning, `strict` refuses even
+    what could be put right without loss. More than the `limits` allow raises a `LimitError` that names the limit.
     """
     file, suffix = os.fspath(path), os.path.splitext(os.fspath(path))[1].lower()
     if suffix not in READERS:
@@ -36,7 +48,7 @@ def load(path: Path, *, camera: int = 0, light_direction: Iterable | None = None
         light_direction = np.asarray(light_direction, np.float64)
         if light_direction.shape != (3,) or not np.isfinite(light_direction).all() or not light_direction.any():
             raise UsageError(None, "light_direction", f"expected three numbers, not all zero, got {light_direction}")
-    asset = READERS[suffix](path)
+    asset = READERS[suffix](path, Reading(repair=repair, strict=strict, limits=limits))
     for note in asset.notes:
         warnings.warn(f"{file}: {note}", AssetWarning, stacklevel=2)
 
@@ -55,16 +67,16 @@ def load(path: Path, *, camera: int = 0, light_direction: Iterable | None = None
     return scene, view
 
 
-def read_light(path: Path) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+def read_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
     """Linear radiance in a Radiance (.hdr, .pic) or EXR file, finite and not negative, and what was put right.
 
     Texels that are not finite become black, negative values 0, values above 1e18 that: each is noted with its count.
     """
     file, suffix = os.fspath(path), os.path.splitext(os.fspath(path))[1].lower()
     if suffix in (".hdr", ".pic"):
-        light, notes = read_hdr(path), ()
+        light, notes = read_hdr(path, limits), ()
     elif suffix == ".exr":
-        light, notes = read_exr_light(path)
+        light, notes = read_exr_light(path, limits)
     else:
         raise InputError(file, "", f"unknown format of light {suffix!r}; known are .hdr, .pic, .exr")
 

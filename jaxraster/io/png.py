@@ -1,6 +1,6 @@
-"""What imageio leaves out of PNG: 16 bits of colour, transparent greys of 2 and 4 bits, and a guard against bombs.
+"""What Pillow leaves out of PNG: 16 bits of colour, transparent greys of 2 and 4 bits, and a guard against bombs.
 
-Pillow, below imageio, unpacks 16-bit colour to 8 bits, and no other package required here reads it. Yet its decoder
+Pillow unpacks 16-bit colour to 8 bits, and no other package required here reads it. Yet its decoder
 can be asked for either byte of a sample, the first by "RGB;16B" and the second by "RGB;16L": two passes of it give
 all bits, with its inflating, unfiltering and interlacing. Writing 16 bits takes no decoder, only zlib.
 
@@ -16,10 +16,9 @@ import numpy as np
 from jaxtyping import UInt16
 
 from ..errors import InputError, LimitError
+from .reading import Limits, exceed
 
 MAGIC = b"\x89PNG\r\n\x1a\n"
-MOST_PIXELS = 2**26  # of a PNG, JPEG or WebP: 8192 x 8192, which take 1 GiB as float32 RGBA
-LONGEST_SIDE = 2**14
 MOST_DEFLATED = 1032  # bytes that a byte of zlib's format can stand for
 GREY, GREY_ALPHA = 0, 4
 CHANNELS = {GREY: 1, 2: 3, 3: 1, GREY_ALPHA: 2, 6: 4}
@@ -34,15 +33,16 @@ class Header(NamedTuple):
     kind: int
 
 
-def check_size(width: int, height: int, name: str) -> None:
-    """Refuse a picture that is larger than any is read, whatever its format, before it is decoded."""
-    if width * height > MOST_PIXELS or max(width, height) > LONGEST_SIDE:
-        most = f"at most {MOST_PIXELS} with sides up to {LONGEST_SIDE} are read"
-        raise LimitError(name, "", f"is too large: {width} x {height} pixels; {most}; scale it down")
+def check_size(width: int, height: int, name: str, limits: Limits) -> None:
+    """Refuse a picture that is larger than the limits, whatever its format, before it is decoded."""
+    if (side := max(width, height)) > limits.image_side:
+        exceed("image_side", limits.image_side, name, "", f"has a side of {side} pixels")
+    if width * height > limits.image_pixels:
+        exceed("image_pixels", limits.image_pixels, name, "", f"has {width} x {height} pixels")
 
 
-def read_header(data: bytes, name: str) -> Header:
-    """The header of a PNG that claims no more pixels than are read, nor than its bytes could hold."""
+def read_header(data: bytes, name: str, limits: Limits) -> Header:
+    """The header of a PNG that claims no more pixels than the limits, nor than its bytes could hold."""
     if data[12:16] != b"IHDR" or len(data) < 26:
         raise InputError(name, "", "is broken: its header is missing; export the picture again")
     header = Header(*struct.unpack(">IIBB", data[16:26]))
@@ -51,15 +51,15 @@ def read_header(data: bytes, name: str) -> Header:
     if claimed > max(2**20, MOST_DEFLATED * len(data)):
         claim = f"header claims {claimed >> 20} MB from a {len(data)} byte file"
         raise LimitError(name, "", f"{claim}; export the picture again")
-    check_size(header.width, header.height, name)
+    check_size(header.width, header.height, name, limits)
     return header
 
 
 def _decode(data: bytes, rawmode: str | None = None) -> tuple[np.ndarray, dict]:
     """Pillow's pixels, unpacked as `rawmode` says instead of its own choice, and what it found beside them."""
-    from PIL import Image
+    from PIL.PngImagePlugin import PngImageFile
 
-    with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
+    with PngImageFile(io.BytesIO(data)) as picture:
         if not picture.tile:
             raise OSError("it has no pixels")
         if rawmode:
@@ -92,9 +92,9 @@ def read_16_bits(data: bytes, header: Header) -> UInt16[np.ndarray, "h w 4"]:
 
 def transparent_grey(data: bytes, header: Header) -> int:
     """The 8-bit code of the shade that a 2- or 4-bit grey declares transparent, or a negative number for none."""
-    from PIL import Image
+    from PIL.PngImagePlugin import PngImageFile
 
-    with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
+    with PngImageFile(io.BytesIO(data)) as picture:
         return picture.info.get("transparency", -1) * (255 // (2**header.depth - 1))
 
 

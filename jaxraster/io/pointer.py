@@ -20,18 +20,12 @@ class Json(NamedTuple):
 
 T = TypeVar("T")
 FLOAT_MAX = 3.4028235e38  # the largest float32
-Notes = dict[str, dict[str, None]]  # what was ignored or put right -> where, in order and each once
 _NAMES = {dict: "an object", list: "an array", str: "a string", bool: "true or false", int: "an integer"}
 
 
 def fail(at: Json, message: str) -> NoReturn:
     """Raise the `InputError` of this place."""
     raise InputError(at.file, at.where or "/", message)
-
-
-def note(notes: Notes, what: str, where: str = "") -> None:
-    """Remember one more place of something that deserves a warning."""
-    notes.setdefault(what, {})[where] = None
 
 
 def parse(data: bytes, file: str) -> Json:
@@ -59,7 +53,7 @@ def _typed(at: Json, kind: type) -> Json:
     value = int(at.value) if kind is int and type(at.value) is float and at.value.is_integer() else at.value
     if type(value) is not kind:
         fail(at, f"expected {_NAMES[kind]}, got {json.dumps(value)[:40]}")
-    return at._replace(value=value)
+    return at if value is at.value else at._replace(value=value)
 
 
 def member(at: Json, key: str, kind: type, default: Any = None) -> Json:
@@ -73,8 +67,10 @@ def member(at: Json, key: str, kind: type, default: Any = None) -> Json:
 
 def table(at: Json, *keys: str) -> Json:
     """The object under a path of keys, empty where one is absent."""
-    for key in keys:
-        at = member(at, key, dict, {})
+    for depth, key in enumerate(keys):
+        if key not in at.value:
+            return Json({}, at.file, "/".join((at.where, *keys[depth:])))
+        at = member(at, key, dict)
     return at
 
 
@@ -97,6 +93,9 @@ def numbers(at: Json, key: str, default: tuple, low: float = -math.inf, high: fl
     found = member(at, key, list, list(default))
     if len(found.value) != len(default):
         fail(found, f"has {len(found.value)} numbers, but {len(default)} are needed")
+    # Say where only what is wrong stands: a scene may have a million such arrays.
+    if all(type(x) in (int, float) and low <= x <= high and -FLOAT_MAX <= x <= FLOAT_MAX for x in found.value):
+        return tuple(map(float, found.value))
     items = [Json(v, at.file, f"{found.where}/{i}") for i, v in enumerate(found.value)]
     return tuple(_number(item, low, high) for item in items)
 
@@ -130,6 +129,8 @@ def strings(at: Json, key: str) -> list[str]:
 def indices(at: Json, key: str, count: int) -> list[int]:
     """A member that is an array of integers below `count`, empty if absent."""
     array = member(at, key, list, [])
+    if all(type(i) is int and 0 <= i < count for i in array.value):
+        return array.value
     items = [_typed(Json(v, at.file, f"{array.where}/{i}"), int) for i, v in enumerate(array.value)]
     for item in items:
         if not 0 <= item.value < count:

@@ -15,9 +15,8 @@ from jaxtyping import Float, UInt8
 
 from ..errors import InputError, LimitError
 from .disk import Path, read_file, write_file
+from .reading import DEFAULT, Limits, exceed
 
-MOST_PIXELS = 2**27  # a panorama of 16384 x 8192, which takes 1.5 GiB as float32
-LONGEST_SIDE = 2**15  # just above what a run-length encoded scanline may have
 MOST_RATIO = 256  # bytes of light from a byte of file, above 64 MiB: newer run lengths reach 190, older any number
 MOST_HEADER = 2**16  # bytes
 LARGEST = 255 * 2.0**119  # the largest value that the format holds
@@ -44,7 +43,7 @@ def _factors(value: str, count: int, line: str, name: str) -> Float[np.ndarray, 
     return factors
 
 
-def _read_header(data: bytes, name: str) -> _Header:
+def _read_header(data: bytes, name: str, limits: Limits) -> _Header:
     """The header up to the pixels; only sizes that may be decoded pass."""
     if not data.startswith(b"#?"):
         raise InputError(name, "", f"is not a Radiance picture: it begins with {data[:10]!r}, not '#?RADIANCE'")
@@ -73,18 +72,21 @@ def _read_header(data: bytes, name: str) -> _Header:
         line = data[end.end() : end.end() + 40].split(b"\n")[0].decode("latin-1")
         raise InputError(name, "header", f"{line!r} is not a resolution such as '-Y 512 +X 1024'{AGAIN}")
     count, width = int(found[2]), int(found[4])
-    check_size(count, width, 12 * count * width, len(data), name)
+    check_size(count, width, 12 * count * width, len(data), name, limits)
     return _Header(divisor, (found[1].decode(), found[3].decode()), (count, width), found.end())
 
 
-def check_size(height: int, width: int, claimed: int, size: int, name: str, *, ratio: int = MOST_RATIO) -> None:
+def check_size(
+    height: int, width: int, claimed: int, size: int, name: str, limits: Limits, *, ratio: int = MOST_RATIO
+) -> None:
     """Refuse a picture before it is decoded to `claimed` bytes, of which the file's `size` could not hold the code."""
     if claimed > max(2**26, ratio * size):
         claim = f"header claims {claimed >> 20} MB from a {size} byte file"
         raise LimitError(name, "", f"{claim}{AGAIN}")
-    if height * width > MOST_PIXELS or max(height, width) > LONGEST_SIDE:
-        most = f"at most {MOST_PIXELS} with sides up to {LONGEST_SIDE} are read"
-        raise LimitError(name, "", f"has {width} x {height} pixels; {most}; scale it down")
+    if (side := max(height, width)) > limits.light_side:
+        exceed("light_side", limits.light_side, name, "", f"has a side of {side} pixels")
+    if height * width > limits.light_pixels:
+        exceed("light_pixels", limits.light_pixels, name, "", f"has {width} x {height} pixels")
 
 
 def _new_scanline(data: bytes, at: int, width: int) -> tuple[bytes, int]:
@@ -158,14 +160,14 @@ def _scanlines(data: bytes, at: int, count: int, width: int, name: str) -> UInt8
     return codes
 
 
-def read_hdr(source: Path | bytes, *, name: str = "") -> Float[np.ndarray, "h w 3"]:
+def read_hdr(path: Path, limits: Limits = DEFAULT) -> Float[np.ndarray, "h w 3"]:
     """Linear radiance of a Radiance picture, row 0 on top whichever way its scanlines run.
 
     EXPOSURE and COLORCORR are divided out; primaries and the pixels' aspect are ignored. Bytes after the pixels are,
-    too. `name` is what errors call a picture given as bytes.
+    too.
     """
-    data, name = (source, name) if isinstance(source, bytes) else (read_file(source), name or os.fspath(source))
-    header = _read_header(data, name)
+    data, name = read_file(path, limits), os.fspath(path)
+    header = _read_header(data, name, limits)
     codes = _scanlines(data, header.pixels_at, *header.sizes, name)
     if header.axes[0][1] == "X":
         codes = codes.swapaxes(0, 1)

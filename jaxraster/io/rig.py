@@ -10,7 +10,7 @@ from ..scene import Camera, Environment, Lights, Mesh
 from .asset import floats, stack_lights
 
 AZIMUTH, ELEVATION, FOV_Y = 0.5, 0.25, math.radians(40)  # rad: a three-quarter view from slightly above
-MARGIN = 1.05  # of the sphere's radius, so that it touches neither the picture's edge nor the depth planes
+MARGIN = 1.05  # of the sphere's radius, so that it does not touch the picture's edge
 KEY = (3.0, 2.85, 2.6)  # lx: warm white
 KEY_IN_VIEW = (0.5, -0.7, -0.5)  # from the upper left front
 SKY, GROUND = (0.45, 0.5, 0.58), (0.22, 0.2, 0.17)
@@ -19,16 +19,16 @@ SKY, GROUND = (0.45, 0.5, 0.58), (0.22, 0.2, 0.17)
 def frame_camera(mesh: Mesh) -> Camera:
     """A camera that sees a sphere around all triangles whole, in any picture at least as wide as high.
 
-    The sphere's centre is the bounding box's. distance = radius / sin(fov / 2); near and far enclose the sphere.
+    The sphere's centre is the bounding box's. distance = radius / sin(fov / 2). The near plane lies at a hundredth of
+    the distance and the far one nowhere, so that the camera may be moved about the model as it is.
     """
     points = np.asarray(mesh.vertices, np.float64)[np.unique(mesh.faces)]
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = MARGIN * float(np.sqrt(np.max(np.sum((points - center) ** 2, axis=1)))) or 1.0
     distance = radius / math.sin(0.5 * FOV_Y)
-    near = max(distance - radius, 0.01 * distance)
     return Camera(
         world_from_view=orbit(AZIMUTH, ELEVATION, distance, center.astype(np.float32)),
-        clip_from_view=perspective(FOV_Y, near, distance + radius),
+        clip_from_view=perspective(FOV_Y, 0.01 * distance),
     )
 
 

@@ -50,7 +50,7 @@ def ambient(
     n, v = surface.normal, surface.view
     n_dot_v = safe.dot(n, v)
     mirror = 2.0 * n_dot_v[..., None] * n - v
-    albedo = directional_albedo(surface.f0, jnp.clip(n_dot_v, 0.0, 1.0), surface.alpha)
+    albedo = directional_albedo(surface.f0, jnp.clip(n_dot_v, 0.0, 1.0), surface.alpha, surface.f90)
     gain = (settings.gain * surface.occlusion)[..., None]
     diffuse = surface.diffuse_color * (1.0 - albedo) * tones(environment, n, jnp.ones_like(n_dot_v))
     return gain * diffuse, gain * albedo * tones(environment, mirror, surface.alpha)

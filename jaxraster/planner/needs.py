@@ -19,7 +19,7 @@ from ..light.emission import Emission
 from ..light.shadow_map import ShadowMap
 from ..parameters import matches, parameters
 from ..plan import Plan
-from ..scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene
+from ..scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene, check_scene
 from ..visibility.project import clip_from_world
 from .occluders import may_shadow, visible_polygons
 
@@ -156,8 +156,9 @@ def plan_for(
     """The least plan that draws `scene` as the fullest one would, and the reason for every effect in it or not.
 
     Batches (leading axes of scene or camera) get the union of what their members need. `wrt` names the leaves, as in
-    `parameters`, in which the picture will be differentiated. Any other field of `Plan` may be given and is taken as
-    it is.
+    `parameters`, in which the picture will be differentiated: without it an effect whose factor is 0 is left out, and
+    its gradient with it. A plan holds for the cameras it was made for. Any other field of `Plan` may be given and is
+    taken as it is.
 
     Example:
         >>> from jaxraster import scenes
@@ -166,6 +167,7 @@ def plan_for(
         Reason(on=False, why='the environment is black')
     """
     _concrete(scene, camera)
+    check_scene(scene, camera, batched=True)
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     parameters({"scene": scene, "camera": camera}, wrt)
     asked = Plan(height=height, width=width, **settings)
@@ -186,7 +188,8 @@ def plan_for(
             bool(shining), f"{count} in the scene" + ("" if shining or not count else ", all black")
         )
     shadow, reasons["shadow_map"] = _shadow(facts, {"height": height, "width": width}, asked.shading)
-    emits = facts.material("emissive").any()
+    unlit = facts.scene.materials.unlit
+    emits = facts.material("emissive").any() or (unlit is not None and unlit[facts.used].any())
     reasons["emission"] = Reason(bool(emits), f"{'a' if emits else 'no'} material in use emits light")
     reasons["ambient"] = Reason(lit, f"the environment {tones}")
     reasons["background"] = Reason(lit, f"the environment {tones}")

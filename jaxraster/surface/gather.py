@@ -20,7 +20,7 @@ from ..visibility.barycentric import combine, interpolate, rows, spread
 class Fragment:
     """Interpolated geometry per pixel; vectors are unit but for the tangent, which `normal_map` straightens.
 
-    `footprint` is ∂uv/∂(pixel right, down).
+    `footprint` is ∂uv/∂(pixel right, down). What the mesh does not have is None.
     """
 
     mask: Bool[Array, "*b"]
@@ -32,20 +32,27 @@ class Fragment:
     view: Float[Array, "*b 3"]
     uv: Float[Array, "*b 2"]
     footprint: Float[Array, "*b 2 2"]
+    second_uv: Float[Array, "*b 2"] | None
+    second_footprint: Float[Array, "*b 2 2"] | None
+    color: Float[Array, "*b 4"] | None
 
 
-def _uvs_near_origin(scene: Scene) -> Float[Array, "f 6"]:
+def _uvs_near_origin(uvs: Float[Array, "v 2"], scene: Scene) -> Float[Array, "f 6"]:
     """Corner uvs per face, less an even whole number where the material's textures all repeat or mirror there.
 
-    Far from the origin float32 has no bits left between texels; the shift changes no texel that is fetched.
+    Far from the origin float32 has no bits left between texels; the shift changes no texel that is fetched. Uvs that
+    are mapped before they are looked up stay, for whole numbers need not be whole afterwards.
     """
-    materials, corners = scene.materials, scene.mesh.uvs[scene.mesh.faces]
+    materials, corners = scene.materials, uvs[scene.mesh.faces]
     slots = [getattr(materials, f"{slot}_texture") for slot in ("base_color", "metallic_roughness", "normal")]
     slots += [materials.occlusion_texture, materials.emissive_texture]
     clamps = [(scene.textures.wrap[jnp.maximum(slot, 0)] == CLAMP) & (slot >= 0)[:, None] for slot in slots]
-    clamped = jnp.any(jnp.stack(clamps), axis=0)[scene.mesh.material]
+    fixed = jnp.any(jnp.stack(clamps), axis=0)
+    if materials.uv_transforms is not None:
+        unmapped = jnp.broadcast_to(jnp.eye(2, 3), materials.uv_transforms.shape)
+        fixed |= jnp.any(materials.uv_transforms != unmapped, axis=(1, 2, 3))[:, None]
     shift = 2.0 * jnp.floor(0.5 * jnp.min(lax.stop_gradient(corners), axis=1))
-    shift = jnp.where(clamped | ~jnp.isfinite(shift), 0.0, shift)
+    shift = jnp.where(fixed[scene.mesh.material] | ~jnp.isfinite(shift), 0.0, shift)
     return (corners - shift[:, None, :]).reshape(-1, 6)
 
 
@@ -76,7 +83,12 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
     normal = _unless_zero(safe.normalize(interpolate(finite(mesh.normals), mesh.faces, visibility)), flat)
     turn = jnp.where(safe.dot(flat, view) < 0, -1.0, 1.0).astype(normal.dtype)[..., None]
 
-    uv_corners = rows(finite(_uvs_near_origin(scene)), face, jnp.zeros(6, mesh.uvs.dtype))
+    def place(uvs):
+        corners = rows(finite(_uvs_near_origin(uvs, scene)), face, jnp.zeros(6, uvs.dtype))
+        return combine(corners, visibility.barycentric), spread(corners, clip, mesh.faces, visibility)
+
+    uv, footprint = place(mesh.uvs)
+    second_uv, second_footprint = (None, None) if mesh.second_uvs is None else place(mesh.second_uvs)
     # Seen from behind, the mapped normal is the opposite of the front's: turn all axes, and the sign with them.
     tangent = turn * interpolate(finite(mesh.tangents), mesh.faces, visibility)
     # Append a row for pixels without a face, also where the mesh has none at all.
@@ -89,6 +101,9 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
         geometric_normal=turn * flat,
         tangent=tangent,
         view=view,
-        uv=combine(uv_corners, visibility.barycentric),
-        footprint=spread(uv_corners, clip, mesh.faces, visibility),
+        uv=uv,
+        footprint=footprint,
+        second_uv=second_uv,
+        second_footprint=second_footprint,
+        color=None if mesh.colors is None else interpolate(finite(mesh.colors), mesh.faces, visibility),
     )

@@ -1,11 +1,15 @@
 """Metallic-roughness materials, from what is authored to what the BRDF wants.
 
-base, metallic m and roughness r, each its factor times its texture, become diffuse colour (1 - m)·base,
-f0 = 0.04 + m (base - 0.04), and alpha = r². Linear Rec.709.
+base, metallic m and roughness r, each its factor times its texture, become diffuse colour (1 - m)·base, f0 and f90
+mixed by m between a dielectric's and (base, 1), and alpha = r². A dielectric of index n mirrors ((n - 1)/(n + 1))² head
+on, 0.04 for n = 1.5, times its specular colour, at most 1, and weight; at grazing angles it mirrors the weight.
+Linear Rec.709.
 
 Gradient: exact in factors and texels; roughness below 0.045 is raised to it and has none.
-Source: glTF 2.0 specification, appendix B.
+Source: glTF 2.0 specification, appendix B; KHR_materials_ior, _specular, _unlit and KHR_texture_transform.
 """
+
+from typing import Any
 
 import jax.numpy as jnp
 from jax import lax
@@ -13,7 +17,8 @@ from jaxtyping import Array, Float
 
 from ..buffers import Surface
 from ..math import safe
-from ..scene import Materials, Textures
+from ..math.table import fetch
+from ..scene import TEXTURE_SLOTS, Materials, Textures
 from .gather import Fragment
 from .normal_map import normal_map
 from .texture import texture
@@ -26,12 +31,23 @@ MIN_N_DOT_V = 1e-3
 
 
 def metallic_roughness(
-    base: Float[Array, "*b 3"], metallic: Float[Array, "*b"], roughness: Float[Array, "*b"]
-) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"], Float[Array, "*b"]]:
-    """(diffuse colour, f0, alpha)."""
+    base: Float[Array, "*b 3"],
+    metallic: Float[Array, "*b"],
+    roughness: Float[Array, "*b"],
+    ior: Float[Array, "*b"] | None = None,
+    specular: Float[Array, "*b 4"] | None = None,
+) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"], Float[Array, "*b"], Float[Array, "*b"]]:
+    """(diffuse colour, f0, alpha, f90)."""
+    dielectric, weight = DIELECTRIC_F0, jnp.ones_like(metallic)
+    if ior is not None:
+        dielectric = (((ior - 1.0) / (ior + 1.0)) ** 2)[..., None]
+    if specular is not None:
+        weight = specular[..., 3]
+        dielectric = jnp.minimum(dielectric * specular[..., :3], 1.0) * weight[..., None]
+    f90 = weight + metallic * (1.0 - weight)
     metallic = metallic[..., None]
     roughness = jnp.where(roughness < MIN_ROUGHNESS, MIN_ROUGHNESS, roughness)
-    return base * (1.0 - metallic), DIELECTRIC_F0 + metallic * (base - DIELECTRIC_F0), roughness * roughness
+    return base * (1.0 - metallic), dielectric + metallic * (base - dielectric), roughness * roughness, f90
 
 
 def face_viewer(normal: Float[Array, "*b 3"], view: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
@@ -44,21 +60,47 @@ def face_viewer(normal: Float[Array, "*b 3"], view: Float[Array, "*b 3"]) -> Flo
     return jnp.where((missing > 0)[..., None], safe.normalize(normal + missing[..., None] * view), normal)
 
 
+def _place(fragment: Fragment, materials: Materials, slot: str):
+    """The uv at which a slot's texture is looked up, and its footprint: of the right set, under the map of the slot."""
+    column, uv, footprint = TEXTURE_SLOTS.index(slot), fragment.uv, fragment.footprint
+    if materials.uv_sets is not None and fragment.second_uv is not None and fragment.second_footprint is not None:
+        second = (fetch(materials.uv_sets[:, column], fragment.material) == 1)[..., None]
+        uv = jnp.where(second, fragment.second_uv, uv)
+        footprint = jnp.where(second[..., None], fragment.second_footprint, footprint)
+    if materials.uv_transforms is not None:
+        rows = fetch(materials.uv_transforms[:, column].reshape(-1, 6), fragment.material)
+        rows = rows.reshape(*rows.shape[:-1], 2, 3)
+        # Written out as sums: a product of matrices would be rounded to TF32 on an accelerator.
+        uv = jnp.sum(rows[..., :2] * uv[..., None, :], axis=-1) + rows[..., 2]
+        footprint = jnp.sum(rows[..., :2, None] * footprint[..., None, :, :], axis=-2)
+    return uv, footprint
+
+
+def _fetch_textures(fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...]) -> dict:
+    """RGBA of each slot's texture at every pixel: one loop over the slots, so that the lookup is compiled once."""
+    if not slots:
+        return {}
+    index = jnp.stack([fetch(getattr(materials, f"{slot}_texture"), fragment.material) for slot in slots])
+    if materials.uv_sets is None and materials.uv_transforms is None:
+        values = lax.map(lambda row: texture(textures, row, fragment.uv, fragment.footprint), index)
+    else:
+        uv, footprint = (jnp.stack(each) for each in zip(*(_place(fragment, materials, slot) for slot in slots)))
+        values = lax.map(lambda place: texture(textures, *place), (index, uv, footprint))
+    return dict(zip(slots, values))
+
+
 def material(fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...]) -> Surface:
     """The surface at every pixel. `slots` names the textures that are fetched; the others count as white or flat."""
 
-    def factor(name):
-        return getattr(materials, name).at[fragment.material].get(mode="promise_in_bounds")
+    def factor(name) -> Any:
+        values = getattr(materials, name)
+        return None if values is None else fetch(values, fragment.material)
 
-    # Map over the slots, so that the lookup is compiled once and its indices are computed once.
-    fetched = {}
-    if slots:
-        indices = jnp.stack([factor(f"{slot}_texture") for slot in slots])
-        values = lax.map(lambda index: texture(textures, index, fragment.uv, fragment.footprint), indices)
-        fetched = dict(zip(slots, values))
-
+    fetched = _fetch_textures(fragment, materials, textures, slots)
     base, metallic, roughness = factor("base_color")[..., :3], factor("metallic"), factor("roughness")
     emissive, occlusion, normal = factor("emissive"), jnp.ones_like(metallic), fragment.normal
+    if fragment.color is not None:
+        base = base * fragment.color[..., :3]
     if "base_color" in slots:
         base = base * fetched["base_color"][..., :3]
     if "metallic_roughness" in slots:
@@ -73,7 +115,12 @@ def material(fragment: Fragment, materials: Materials, textures: Textures, slots
         normal = jnp.where((factor("normal_texture") >= 0)[..., None], mapped, normal)
 
     normal = face_viewer(normal, fragment.view)
-    diffuse_color, f0, alpha = metallic_roughness(base, metallic, roughness)
+    diffuse_color, f0, alpha, f90 = metallic_roughness(base, metallic, roughness, factor("ior"), factor("specular"))
+    if materials.unlit is not None:
+        unlit = factor("unlit")
+        emissive = jnp.where(unlit[..., None], base, emissive)
+        diffuse_color, f0 = (jnp.where(unlit[..., None], 0.0, each) for each in (diffuse_color, f0))
+        f90 = jnp.where(unlit, 0.0, f90)
     return Surface(
         mask=fragment.mask,
         position=fragment.position,
@@ -83,6 +130,7 @@ def material(fragment: Fragment, materials: Materials, textures: Textures, slots
         uv=fragment.uv,
         diffuse_color=diffuse_color,
         f0=f0,
+        f90=f90,
         alpha=alpha,
         emissive=emissive,
         occlusion=occlusion,

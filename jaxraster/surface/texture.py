@@ -1,7 +1,8 @@
 """Trilinear texture lookup with repeat, clamp and mirrored wrapping.
 
-The mip level is log₂ of the footprint's longer side in texels, clamped to the levels there are. UV origin at the top
-left, texel centres at half-integers. Linear values in, linear values out.
+The mip level is log₂ of the footprint's longer side in texels, clamped to the levels there are; a texture may ask for
+the nearest texel or level instead, or for its first level alone. UV origin at the top left, texel centres at
+half-integers. Linear values in, linear values out.
 
 Gradient: exact in texels; in uv that of the bilinear weights; in the footprint that of the blend between two levels.
 uv that are not finite count as 0, as does a footprint that is not a number; an infinite one reads the last level.
@@ -9,12 +10,13 @@ Source: Williams 1983, "Pyramidal Parametrics"; level of detail as in the OpenGL
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from ..check import fit
+from ..check import below, fit, fit_record
 from ..math.table import fetch
-from ..scene import CLAMP, MIRROR, REPEAT, Textures
+from ..scene import CLAMP, FIRST, MIRROR, NEAREST, REPEAT, Textures
 
 # Periods a pixel beyond which every texture, however narrow, is at its last level; larger numbers have no square.
 PERIODS = 2.0**15
@@ -36,12 +38,14 @@ def _texel(index, size, wrap):
     return jnp.clip(moved, 0, size - 1)
 
 
-def _bilinear(texels, level, u, v, wrap):
-    """Four texels of one level, weighed by the distance to their centres."""
+def _bilinear(texels, level, u, v, wrap, nearest):
+    """Four texels of one level, weighed by the distance to their centres, or the nearest of them alone."""
     offset, width, height = level[..., 0], level[..., 1], level[..., 2]
     x, y = u * width.astype(u.dtype) - 0.5, v * height.astype(v.dtype) - 0.5
     left, top = (lax.stop_gradient(jnp.floor(c)) for c in (x, y))
     x_weight, y_weight = x - left, y - top
+    if nearest is not None:
+        x_weight, y_weight = (jnp.where(nearest, jnp.floor(w + 0.5), w) for w in (x_weight, y_weight))
     left, top = left.astype(jnp.int32), top.astype(jnp.int32)
 
     def add_texel(total, corner):
@@ -58,7 +62,7 @@ def _bilinear(texels, level, u, v, wrap):
 def texture(
     textures: Textures, index: int | Int[Array, "*#b"], uv: Float[Array, "*b 2"], footprint: Float[Array, "*b 2 2"]
 ) -> Float[Array, "*b 4"]:
-    """RGBA of texture `index`, one for all or each its own, at `uv`; white where the index is -1.
+    """RGBA of texture `index`, one for all or each its own, at `uv`; white where the index is -1, or any below 0.
 
     `footprint[..., i, j]` is ∂uv_i per pixel to the right (j = 0) and down (j = 1), as `footprint` makes it.
 
@@ -69,10 +73,12 @@ def texture(
         >>> texture(pack_textures([ramp]), 0, jnp.array([[0.125, 0.5]]), jnp.zeros((1, 2, 2)))[0, 0].item()
         0.0
     """
-    index, uv, footprint = jnp.asarray(index), jnp.asarray(uv), jnp.asarray(footprint)
+    fit_record("texture: textures", textures, Textures)
     fit("texture: uv", uv, Float[Array, "*b 2"])
     fit("texture: footprint", footprint, Float[Array, "*b 2 2"])
-    fit("texture: index", index, Int[Array, "*b"])
+    fit("texture: index", index if hasattr(index, "dtype") else np.asarray(index), Int[Array, "*b"])
+    below("texture: index", index, textures.wrap.shape[0], "textures", least=-(2**31))
+    index, uv, footprint = jnp.asarray(index), jnp.asarray(uv), jnp.asarray(footprint)
     if footprint.shape != (*uv.shape, 2):
         raise ValueError(
             f"texture: uv is {list(uv.shape)}, but footprint {list(footprint.shape)}; it has one axis more"
@@ -93,6 +99,11 @@ def texture(
     square = jnp.maximum(right, down)
     deepest = textures.levels.shape[1] - 1
     lod = jnp.clip(0.5 * jnp.log2(jnp.maximum(square, 1.0)), 0.0, float(deepest))
+    nearest = None
+    if textures.filters is not None:
+        magnified, minified, between = (fetch(textures.filters[:, i], index) for i in range(3))
+        nearest = jnp.where(square > 1.0, minified, magnified) == NEAREST
+        lod = jnp.where(between == FIRST, 0.0, jnp.where(between == NEAREST, jnp.round(lod), lod))
     finer = jnp.floor(lax.stop_gradient(lod)).astype(jnp.int32)
 
     table, blend = textures.levels.reshape(-1, 3), lod - finer.astype(lod.dtype)
@@ -100,7 +111,7 @@ def texture(
     def add_level(total, second):
         row = fetch(table, index * textures.levels.shape[1] + jnp.minimum(finer + second, deepest))
         weight = jnp.where(second > 0, blend, 1.0 - blend)
-        return total + weight[..., None] * _bilinear(textures.texels, row, u, v, wrap), None
+        return total + weight[..., None] * _bilinear(textures.texels, row, u, v, wrap, nearest), None
 
     value = lax.scan(add_level, jnp.zeros((*u.shape, 4), uv.dtype), jnp.arange(2, dtype=jnp.int32))[0]
     return jnp.where(present[..., None], value, 1.0)

@@ -17,7 +17,7 @@ from ..check import below, fit
 from ..math import safe
 from ..math.table import fetch
 
-LIMIT = 1.844e18  # √FLT_MAX: beyond it a product of two coordinates overflows
+LIMIT = 1.844e18  # a tenth of √FLT_MAX: sums of products of two such coordinates stay below what float32 holds
 
 
 def rows(table: Float[Array, "f n"], face: Int[Array, "*b"], background: Float[Array, " n"]) -> Float[Array, "*b n"]:
@@ -102,8 +102,16 @@ def footprint(
 ) -> Float[Array, "h w c 2"]:
     """∂attribute/∂(pixel right, pixel down), exactly: what `texture` asks for uv. 0 where there is nothing.
 
-    No differences between neighbouring pixels: with s = Σe, ∂β_i = (∂e_i - β_i ∂s) / s, and e is linear in X and Y.
+    Batches are mapped. No differences between neighbouring pixels: with s = Σe, ∂β_i = (∂e_i - β_i ∂s) / s, and e is
+    linear in X and Y.
     Gradient: exact.
+
+    Example:
+        >>> from jaxraster import rasterize
+        >>> clip, faces = jnp.array([[-1.0, -1, 0.5, 1], [3, -1, 0.5, 1], [-1, 3, 0.5, 1]]), jnp.array([[0, 1, 2]])
+        >>> visibility = rasterize(clip, faces, height=2, width=4)
+        >>> footprint(clip[:, :2], clip, faces, visibility)[0, 0].tolist()  # two units over 4 and over 2 pixels
+        [[0.5, 0.0], [0.0, -1.0]]
     """
     sizes: dict[str, int] = {}
     fit("footprint: attributes", attributes, Float[Array, "v c"], sizes, batched=False)

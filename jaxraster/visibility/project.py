@@ -16,5 +16,13 @@ def clip_from_world(camera: Camera, *, height: int, width: int) -> Float[Array, 
 
 
 def project(vertices: Float[Array, "*b v 3"], camera: Camera, *, height: int, width: int) -> Float[Array, "*b v 4"]:
-    """Clip positions with reversed depth: z in [0, w], w at the near plane."""
+    """Clip positions with reversed depth: z in [0, w], w at the near plane. What `rasterize` asks for.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxraster import Camera, look_at, perspective
+        >>> camera = Camera(world_from_view=look_at((0, 0, 2), (0, 0, 0)), clip_from_view=perspective(1.5707963, 1.0))
+        >>> project(jnp.zeros((1, 3)), camera, height=480, width=640).tolist()
+        [[0.0, 0.0, 1.0, 2.0]]
+    """
     return transform_points(clip_from_world(camera, height=height, width=width), vertices)

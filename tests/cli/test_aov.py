@@ -34,7 +34,13 @@ def samples(values: np.ndarray) -> jnp.ndarray:
 def frame() -> Frame:
     """A frame whose picture is 2 x 3 pixels at 2 x 2 samples each."""
     parts = dict.fromkeys(("diffuse_color", "f0", "emissive", "view"), RAMP)
-    parts |= {"uv": RAMP[..., :2] * 4 - 1, "alpha": RAMP[..., 0], "occlusion": RAMP[..., 1], "position": POSITION}
+    parts |= {
+        "uv": RAMP[..., :2] * 4 - 1,
+        "alpha": RAMP[..., 0],
+        "f90": RAMP[..., 0],
+        "occlusion": RAMP[..., 1],
+        "position": POSITION,
+    }
     parts |= {"normal": NORMAL, "geometric_normal": -NORMAL, "mask": SEEN}
     lights = {name: samples(RAMP * 8) for name in Radiance.__annotations__}
     return Frame(
@@ -55,7 +61,7 @@ def show(frame: Frame, name: str) -> tuple[np.ndarray, str]:
     pose = look_at(jnp.array([0.0, 0.0, 5.0]), jnp.zeros(3))
     camera = Camera(world_from_view=pose, clip_from_view=perspective(0.7))
     plan = Plan(width=3, height=2, supersample=2, exposure=-3.0, tonemap="clip")
-    return picture(name, *pick(name, frame, camera, plan))
+    return picture(name, *pick(name, frame, camera, plan), plan)
 
 
 EXPECTED = {

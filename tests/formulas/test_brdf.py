@@ -46,6 +46,7 @@ def surface(view, *, normal=Z, diffuse=0.0, f0=0.04, alpha=0.25) -> Surface:
         uv=zero[..., :2],
         diffuse_color=triple(diffuse),
         f0=triple(f0),
+        f90=one,
         alpha=single(np.broadcast_to(alpha, one.shape)),
         emissive=zero,
         occlusion=one,
@@ -82,7 +83,7 @@ def test_point_values_of_distribution_and_masking(roughness, d, v):
 def test_point_values_of_the_whole(metallic, f):
     """The specification's final form; the mix of a dielectric's and a metal's result would be 0.15801345 at 0.25."""
     base, metallic, roughness = single([[0.5] * 3]), single([metallic]), single([0.5])
-    diffuse, f0, alpha = (np.asarray(x) for x in metallic_roughness(base, metallic, roughness))
+    diffuse, f0, alpha, _ = (np.asarray(x) for x in metallic_roughness(base, metallic, roughness))
     parts = standard(surface([VIEW], diffuse=diffuse, f0=f0, alpha=alpha), single([LIGHT]))
     np.testing.assert_allclose((parts[0] + parts[1]) / LIGHT[2], [[f] * 3], rtol=1e-5)
 
@@ -410,7 +411,7 @@ def ugly_arguments() -> tuple:
 
 def reflect(brdf, n, v, l, base, metallic, roughness):
     """Both parts of one case, from the six numbers that a user may differentiate."""
-    diffuse, f0, alpha = metallic_roughness(base, metallic, roughness)
+    diffuse, f0, alpha, f90 = metallic_roughness(base, metallic, roughness)
     zero = jnp.zeros_like(n)
     here = Surface(
         mask=jnp.array(True),
@@ -421,6 +422,7 @@ def reflect(brdf, n, v, l, base, metallic, roughness):
         uv=zero[:2],
         diffuse_color=diffuse,
         f0=f0,
+        f90=f90,
         alpha=alpha,
         emissive=zero,
         occlusion=jnp.ones_like(alpha),

@@ -43,7 +43,7 @@ def read(document: dict, folder, container: str = "glb"):
 
 
 def numpy_of(record) -> dict:
-    return {name: np.asarray(value) for name, value in vars(record).items()}
+    return {name: np.asarray(value) for name, value in vars(record).items() if value is not None}
 
 
 # ---------------------------------------------------------------------------------------------------- geometry
@@ -304,6 +304,7 @@ def test_material_factors_are_exact(tmp_path):
     defaults = {"base_color": [1] * 4, "metallic": 1, "roughness": 1, "emissive": [0] * 3, "normal_scale": 1}
     defaults |= {"occlusion_strength": 1, "double_sided": False}
     defaults |= {name: -1 for name in plain if name.endswith("_texture")}
+    assert "uv_sets" not in plain and "unlit" not in plain
     assert plain.keys() == defaults.keys()
     for name, value in defaults.items():
         np.testing.assert_array_equal(plain[name], value)
@@ -442,16 +443,16 @@ def edit(document: dict, path: str, value) -> dict:
 
 
 GLASS = [{"name": "Glass", "alphaMode": "BLEND"}, {"name": "Leaf", "alphaMode": "MASK"}, {"alphaMode": "OPAQUE"}]
-SECOND_UV = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}}
+THIRD_UV = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 2}}}
+COATED = {"extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 0.5}}}
+PEARL = {"extensions": {"KHR_materials_specular": {"specularTexture": {"index": 0}}}}
 NOTES = [
     ("/extensionsUsed", ["EXT_a", "EXT_a"], "extension EXT_a is ignored"),
-    ("/extensionsUsed", ["KHR_texture_transform"], "extension KHR_texture_transform is ignored"),
     ("/animations", [{}], "animations are ignored"),
-    ("/meshes/0/primitives/0/attributes/COLOR_0", 2, "vertex colours are ignored: /meshes/0/primitives/0"),
     ("/meshes/0/primitives/0/attributes/JOINTS_0", 2, "skins are ignored: /meshes/0/primitives/0"),
     ("/meshes/0/primitives/0/targets", [{}], "morph targets are ignored: /meshes/0/primitives/0"),
     ("/meshes/0/primitives/1", {"mode": 0, "attributes": {}}, "points are left out: /meshes/0/primitives/1"),
-    ("/meshes/0/primitives/1", {"mode": 5, "attributes": {}}, "triangle strips are left out: /meshes/0/primitives/1"),
+    ("/meshes/0/primitives/1", {"mode": 3, "attributes": {}}, "line strips are left out: /meshes/0/primitives/1"),
     ("/materials", GLASS, "transparent materials are drawn opaque: Glass, Leaf"),
     ("/materials", [{"alphaMode": "MASK"}], "transparent materials are drawn opaque: /materials/0"),
     ("/materials", [{"alphaMode": "MASK"}] * 7, "transparent materials are drawn opaque: .* and 2 more"),
@@ -463,19 +464,28 @@ NOTES = [
     (
         "/materials",
         [{"emissiveFactor": [-1.0, 5.0, 0.0]}],
-        r"emissiveFactor is clamped to \[0, 1e\+18\]: /materials/0",
+        r"emissiveFactor is clamped to \[0, 1\.844e\+18\]: /materials/0",
     ),
     (
         "/materials",
-        [SECOND_UV, SECOND_UV],
-        "the first texture coordinates replace others: .*/0/.*/baseColorTexture, .*/1/.*",
+        [THIRD_UV, THIRD_UV],
+        "texture coordinates beyond the second are replaced by the first: .*/0/.*/baseColorTexture, .*/1/.*",
     ),
     (
         "/materials",
         [{"normalTexture": {"index": 1}}],
-        "textures without a PNG or JPEG are left out: /textures/1",
+        "textures without a PNG, JPEG or WebP are left out: /textures/1",
     ),
-    ("/cameras/0/type", "orthographic", "cameras that are not perspective are left out: /cameras/0"),
+    ("/nodes/0/rotation", [0, 0, 0, 2], "a rotation that is no unit quaternion is scaled to one: /nodes/0"),
+    ("/nodes/0/rotation", [0, 0, 0, 0], "a rotation that is no unit quaternion is taken as none: /nodes/0"),
+    ("/nodes/0/scale", [1, 0, 1], "a scale of 0 flattens what hangs on a node: /nodes/0"),
+    ("/materials", [COATED], "clearcoat is not drawn: /materials/0"),
+    (
+        "/materials",
+        [{"extensions": {"KHR_materials_sheen": {"sheenColorFactor": [1, 0, 0]}}}],
+        "sheen is not drawn: .*",
+    ),
+    ("/materials", [PEARL], "specularTexture is ignored: /materials/0/extensions/KHR_materials_specular"),
 ]
 
 
@@ -508,7 +518,7 @@ ERRORS = [
     ("/asset/version", "1.0", "/asset/version", "is '1.0', but only glTF 2.0"),
     ("/asset/minVersion", "2.1", "/asset/minVersion", "is '2.1', but only glTF 2.0"),
     ("/extensionsRequired", ["KHR_draco_mesh_compression"], "/", "requires KHR_draco_mesh_compression, which is not"),
-    ("/extensionsRequired", ["KHR_texture_transform"], "/", "requires KHR_texture_transform, which is not supported"),
+    ("/extensionsRequired", ["KHR_texture_basisu"], "/", "requires KHR_texture_basisu, which is not supported"),
     ("/extensionsRequired", [1], "/extensionsRequired/0", "expected a string, got 1"),
     ("/extensionsUsed", [[]], "/extensionsUsed/0", r"expected a string, got \[\]"),
     ("/nodes", None, "/", "contains no triangles"),
@@ -523,9 +533,13 @@ ERRORS = [
     ("/nodes/0/children", 7, "/nodes/0/children", "expected an array, got 7"),
     ("/nodes/0/matrix", [1.0] * 15, "/nodes/0/matrix", "has 15 numbers, but 16"),
     ("/nodes/0/matrix", [1.0] * 16, "/nodes/0", r"ends in the row \[1.0, 1.0, 1.0, 1.0\]"),
-    ("/nodes/0/rotation", [0, 0, 0, 0], "/nodes/0", "zero quaternion"),
     ("/nodes/0/scale", [2, 1, "x"], "/nodes/0/scale/2", 'expected a finite number, got "x"'),
-    ("/nodes/0/translation", [1e19, 0, 0], "/nodes/0", r"its world transform holds 1e\+19; at most 1e\+18 is drawn"),
+    (
+        "/nodes/0/translation",
+        [1e19, 0, 0],
+        "/nodes/0",
+        r"its world transform holds 1e\+19; at most 1\.844e\+18 is drawn",
+    ),
     ("/nodes/0/scale", [1, 1e39, 1], "/nodes/0/scale/1", r"is 1e\+39, too large for a float32"),
     ("/scene", 3, "/scene", "is 3, but there are 0"),
     (f"{P}/attributes/POSITION", None, f"{P}/attributes", "POSITION is missing"),
@@ -613,7 +627,7 @@ def test_indices_beyond_the_vertices(tmp_path):
         document = gltf.new()
         corners = np.array([0, 1, 2, 0, 2, index], np.uint16)
         gltf.node(document, mesh=gltf.mesh(document, corners, **QUAD))
-        with pytest.raises(InputError, match=f"{TRIS}: index {index} but only 4 vertices; re-export the mesh$"):
+        with pytest.raises(InputError, match=f"{TRIS}: index {index} but only 4 vertices; export it again, or drop it"):
             read(document, tmp_path)
 
 
@@ -624,7 +638,7 @@ def test_positions_that_are_not_finite(tmp_path, value):
 
 
 def test_positions_and_transforms_that_overflow(tmp_path):
-    with pytest.raises(InputError, match=r"/nodes/0: puts vertices 1e\+38 m away; at most 1e\+18 are drawn"):
+    with pytest.raises(InputError, match=r"/nodes/0: puts vertices 1e\+38 m away; at most 1\.844e\+18 are drawn"):
         read(quad(POSITION=positions(1e38)), tmp_path)
     document = quad(node={"scale": [1e15, 1, 1]})
     gltf.node(document, children=[0], scale=[1e15, 1, 1])
@@ -635,7 +649,7 @@ def test_positions_and_transforms_that_overflow(tmp_path):
 def test_claims_without_data_are_not_believed(tmp_path):
     document = edit(quad(), "/accessors/0/bufferView", None)
     document["accessors"][0]["count"] = 10**12
-    with pytest.raises(LimitError, match="/accessors/0: claims 1000000000000 elements without data"):
+    with pytest.raises(LimitError, match="/accessors/0: claims 12000000000000 bytes without data"):
         read(document, tmp_path)
 
 
@@ -783,7 +797,7 @@ def array(document: dict, buffers: list[bytes], index: int) -> np.ndarray:
 
 REAL = {
     "FlightHelmet/FlightHelmet.gltf": (94_722, 15, ["transparent materials are drawn opaque: LensesMat"]),
-    "CornellBox/CornellBox.glb": (36, 1, ["vertex colours are ignored: /meshes/0/primitives/0"]),
+    "CornellBox/CornellBox.glb": (36, 1, []),
     "cubes/Cubes.glb": (36, 1, []),
     "sphere/sphere.gltf": (3_968, 1, []),
     "torus/torus.gltf": (3_072, 1, []),
@@ -857,8 +871,3 @@ def test_real_emission_and_light(assets):
     cubes = read_gltf(assets / "cubes" / "Cubes.glb")
     expected = np.float32(light["intensity"]) * np.float32(light["color"])
     np.testing.assert_allclose(cubes.lights.point.intensity, expected[None], rtol=1e-6)
-
-
-def test_real_file_with_an_unsupported_requirement(assets):
-    with pytest.raises(InputError, match="requires KHR_texture_transform, which is not supported"):
-        read_gltf(assets / "MixedLightingExample" / "MixedLightingExample.gltf")

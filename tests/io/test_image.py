@@ -9,6 +9,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 import zlib
@@ -24,7 +25,7 @@ from jaxraster.display.transfer import srgb_encode
 from jaxraster.errors import Error, InputError, LimitError, OutputError
 from jaxraster.io.image import check_writable, read_image, srgb_to_linear, write_image
 from jaxraster.io.load import save
-from jaxraster.io.png import MOST_PIXELS
+from jaxraster.io.reading import Limits
 
 RAMP = np.arange(256, dtype=np.uint8)
 
@@ -321,24 +322,25 @@ def jpeg_of(width: int, height: int) -> bytes:
     return data[:start] + struct.pack(">HH", height, width) + data[start + 4 :]
 
 
-MOST = int(MOST_PIXELS**0.5)
+def webp_of(kind: bytes, header: bytes) -> bytes:
+    """A WebP that ends after the header of its first chunk."""
+    return b"RIFF" + bytes(4) + b"WEBP" + kind + bytes(4) + header
+
+
 BOMBS = {
     "empty claim": (claiming(60_000, 60_000), "header claims 3433 MB from a 69 byte file; export the picture again"),
     "16 bits": (claiming(2000, 2000, 16, RGBA), "header claims 30 MB from a 69 byte file"),
     "largest claim": (claiming(2**31 - 1, 2**31 - 1), "header claims 4398046507008 MB"),
     "zeros": (
-        claiming(MOST + 1, MOST, 1, GREY, bytes(MOST * (MOST // 8 + 1))),
-        "is too large: 8193 x 8192 pixels; at most 67108864 with",
+        claiming(2**13 + 1, 2**13, 1, GREY, bytes(2**13 * (2**10 + 1))),
+        r"has 8193 x 8192 pixels; at most 67108864 are allowed \(limit image_pixels\)",
     ),
-    "jpeg": (jpeg_of(60_000, 60_000), r"is too large: .*3600000000 pixels.*; scale it down"),
-    "long": (
-        claiming(2**14 + 1, 1),
-        "is too large: 16385 x 1 pixels; at most 67108864 with sides up to 16384 are read",
-    ),
-    "jpeg, little over": (
-        jpeg_of(MOST + 1, MOST),
-        "is too large: 8193 x 8192 pixels; at most 67108864",
-    ),
+    "jpeg": (jpeg_of(60_000, 60_000), r"has a side of 60000 pixels; at most 16384 are allowed \(limit image_side\)"),
+    "long": (claiming(2**14 + 1, 1), r"has a side of 16385 pixels; at most 16384 are allowed \(limit image_side\)"),
+    "jpeg, little over": (jpeg_of(2**13 + 1, 2**13), "has 8193 x 8192 pixels; at most 67108864 are allowed"),
+    "webp": (webp_of(b"VP8 ", bytes(6) + struct.pack("<HH", 16383, 4097)), "has 16383 x 4097 pixels; at most 67108864"),
+    "webp, lossless": (webp_of(b"VP8L", b"/" + bytes((255,)) * 4), "has 16384 x 16384 pixels; at most 67108864"),
+    "webp, canvas": (webp_of(b"VP8X", bytes(4) + (10**7).to_bytes(3, "little") * 2), "has a side of 10000001 pixels"),
 }
 
 
@@ -352,6 +354,37 @@ def test_decompression_bombs(name):
     assert time.process_time() - began < 0.5
 
 
+SMALL = {
+    "png": encoded(jpeg().resize((8, 4))),
+    "png, 16 bits": png(np.zeros((4, 8, 3), int), 16, RGB),
+    "jpeg": encoded(jpeg().resize((8, 4)), "JPEG"),
+    "webp": encoded(jpeg().resize((8, 4)), "WEBP"),
+}
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_each_limit_is_the_last_size_that_is_read(tmp_path, monkeypatch, name):
+    """Also beyond the limit that Pillow has for itself, but for WebP."""
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 16 if name == "webp" else 10)
+    (tmp_path / "a").write_bytes(SMALL[name])
+    size = len(SMALL[name])
+    limits = {
+        "image_side": (8, "has a side of 8 pixels"),
+        "image_pixels": (32, "has 8 x 4 pixels"),
+        "file_bytes": (size, f"has {size} bytes"),
+    }
+    for limit, (most, message) in limits.items():
+        assert read_image(tmp_path / "a", limits=Limits(**{limit: most})).shape == (4, 8, 4)
+        with pytest.raises(LimitError, match=rf"a: {message}; at most {most - 1} are allowed \(limit {limit}\)$"):
+            read_image(tmp_path / "a", limits=Limits(**{limit: most - 1}))
+
+
+def test_webp_has_a_limit_of_its_own(monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 15)
+    with pytest.raises(LimitError, match=r"^x: is too large: .*\(32 pixels\) exceeds limit of 30 .*; scale it down$"):
+        read_image(SMALL["webp"], name="x")
+
+
 def test_an_animation_is_no_picture():
     data = encoded(jpeg(), "WEBP", save_all=True, append_images=[Image.new("RGB", (8, 8))])
     with pytest.raises(InputError, match=r"^x: is an animation; export a single picture$"):
@@ -360,14 +393,51 @@ def test_an_animation_is_no_picture():
 
 def test_unreadable_files(tmp_path):
     os.mkfifo(tmp_path / "pipe.png")
-    cases = {"missing.png": "No such file", "": "is a folder", "pipe.png": "not a regular file", "a\0.png": "null"}
+    (tmp_path / "device.png").symlink_to("/dev/zero")
+    cases = {
+        "missing.png": "No such file",
+        "": "is a folder",
+        "pipe.png": "is not a regular file",
+        "device.png": "is not a regular file",
+        "a\0.png": "null",
+    }
     for name, message in cases.items():
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(InputError, match=message) as caught:
             read_image(f"{tmp_path}/{name}")
+        assert "\n" not in str(caught.value)
     with open(tmp_path / "huge.png", "wb") as file:
         file.truncate(2**31 + 1)
-    with pytest.raises(LimitError, match="has 2147483649 bytes; at most 2147483648"):
+    with pytest.raises(LimitError, match=r"has 2147483649 bytes; at most 2147483648 are allowed \(limit file_bytes\)$"):
         read_image(tmp_path / "huge.png")
+
+
+def test_a_file_that_may_not_be_read(tmp_path):
+    """Rights do not bind the superuser, so ask as nobody."""
+    (tmp_path / "a.png").write_bytes(GOOD)
+    (tmp_path / "a.png").chmod(0)
+    user = os.geteuid()
+    try:
+        if user == 0:
+            os.seteuid(65534)
+        with pytest.raises(InputError, match=r"a\.png: cannot be read: Permission denied; check the path and its"):
+            read_image(tmp_path / "a.png")
+    finally:
+        os.seteuid(user)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
+@pytest.mark.parametrize("size", [(1, 1), (1, 16383), (16383, 1), (3, 5), (257, 129)])
+def test_any_shape_is_read_and_any_name(tmp_path, kind, size):
+    """Sides need be no powers of two, and a suffix decides nothing."""
+    picture = Image.new("RGB", size, (0, 51, 255))
+    (tmp_path / "a.gif").write_bytes(encoded(picture, kind, **({"lossless": True} if kind == "WEBP" else {})))
+    image = read_image(tmp_path / "a.gif")
+    assert image.shape == (size[1], size[0], 4)
+    np.testing.assert_allclose(image, np.broadcast_to((0, 0.2, 1, 1), image.shape), atol=2 / 255 * (kind == "JPEG"))
+
+
+def test_the_longest_side_is_read():
+    assert read_image(encoded(Image.new("1", (1, 2**14)))).shape == (2**14, 1, 4)
 
 
 PICTURE = np.zeros((4, 4, 3), np.float32)
@@ -468,19 +538,16 @@ def test_a_full_disk_keeps_the_old_picture(tmp_path):
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"a.png": b"old"}
 
 
-def test_a_read_only_folder_is_found_before_rendering(tmp_path):
-    """Rights do not bind the superuser, so ask as nobody."""
+def test_a_read_only_folder_is_found_before_rendering():
+    """Rights do not bind the superuser, so ask as nobody, who may not enter the folders that pytest makes."""
     command = [sys.executable, "-c", "import sys; from jaxraster.io.image import check_writable as c; c(sys.argv[1])"]
-    command.append(str(tmp_path / "a.png"))
     if os.geteuid() == 0:
         if not shutil.which("setpriv"):
             pytest.skip("running as root, and no setpriv to become somebody else")
         command = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups", *command]
-        for parent in [*tmp_path.parents][:3]:
-            parent.chmod(parent.stat().st_mode | 0o055)
-    tmp_path.chmod(0o555)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100, cwd="/")
-    tmp_path.chmod(0o755)
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o555)
+        done = subprocess.run([*command, f"{folder}/a.png"], capture_output=True, text=True, timeout=100, cwd="/")
     if "ModuleNotFoundError" in done.stderr:
         pytest.skip("this Python cannot be used by another user")
     assert done.returncode == 1

@@ -1,13 +1,21 @@
-"""OBJ, PLY, STL and OFF: what they hold comes back, colours become materials, and broken files are one clear line."""
+"""OBJ, PLY, STL and OFF: what they hold comes back with its colours, and broken files are one clear line."""
 
+import pathlib
 import struct
+import time
+import tracemalloc
+from unittest import mock
 
 import numpy as np
 import pytest
-from PIL import Image
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from jaxraster.errors import InputError
-from jaxraster.io.mesh import GREY, read_mesh
+from jaxraster.errors import Error, InputError, LimitError
+from jaxraster.io import mesh as module
+from jaxraster.io.mesh import read_mesh
+from jaxraster.io.obj import GREY
+from jaxraster.io.reading import Limits, Reading
 
 # A corner of a cube: two triangles at a right angle along the x axis, counter-clockwise from outside.
 POINTS = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, -1]], np.float32)
@@ -53,20 +61,43 @@ def stl(binary: bool) -> bytes:
     return f"solid a\n{''.join(facets)}endsolid a\n".encode()
 
 
-def read(folder, suffix: str, data: bytes):
+def read(folder, suffix: str, data: bytes, **rules):
     (folder / f"model{suffix}").write_bytes(data)
-    return read_mesh(folder / f"model{suffix}")
+    return read_mesh(folder / f"model{suffix}", Reading(**rules))
+
+
+def corners(mesh) -> list:
+    """The points of each triangle."""
+    return np.asarray(mesh.vertices)[np.asarray(mesh.faces)].tolist()
 
 
 SHARED = {
     "obj": (".obj", obj()),
     "obj, upper case": (".OBJ", obj()),
     "obj, counted from the end": (".obj", obj("f -4 -3 -2\nf -4 -1 -3\n")),
+    "obj, counted back from the middle": (
+        ".obj",
+        b"v 0 0 0\nv 2 0 0\nv 0 1 0\nf -3 -2 -1\nv 0 0 -1\nf 1 -1 2\n",
+    ),
+    "obj, faces before their vertices": (".obj", b"f 1 2 3\nf 1 4 2\n" + obj("")),
     "obj, loosely set": (".obj", obj().replace(b" ", b"\t ").replace(b"\n", b" # etc.\r\n  ")),
+    "obj, lines that go on": (".obj", obj("f 1 2 \\\n3\nf 1\\\r\n\\\n 4 2\\")),
+    "obj, weights and depths": (
+        ".obj",
+        obj("vt 0 0 0\nvt 1\nf 1/1 2/2 3/1\nf 1/1 4/2 2/2").replace(b"2 0 0", b"2 0 0 1"),
+    ),
+    "obj, numbers of all kinds": (".obj", obj().replace(b"2 0 0", b"+.2E+1 0.e5 -0")),
     "obj, Latin-1": (".obj", b"# B\xfcro\n" + obj()),
     "obj, UTF-16": (".obj", obj().decode().encode("utf-16")),
+    "obj, UTF-16 of the other order": (".obj", b"\xfe\xff" + obj().decode().encode("utf-16-be")),
+    "obj, UTF-8 with a mark": (".obj", b"\xef\xbb\xbf" + obj()),
     "off": (".off", off()),
+    "off, loosely set": (".off", off().replace(b"OFF\n", b"# made by hand\n\nOFF # \n\n").replace(b"\n", b" # \r\n")),
+    "off, counts on the first line": (".off", off().replace(b"OFF\n", b"OFF ")),
+    "off, UTF-16": (".off", off().decode().encode("utf-16")),
     "ply": (".ply", ply()),
+    "ply, Latin-1": (".ply", ply().replace(b"ascii 1.0", b"ascii 1.0\ncomment B\xfcro")),
+    "ply, UTF-16": (".ply", ply().decode().encode("utf-16")),
     "ply, little": (".ply", ply("binary_little_endian")),
     "ply, big": (".ply", ply("binary_big_endian")),
 }
@@ -115,92 +146,487 @@ def test_ply_normals(tmp_path):
         np.testing.assert_allclose(mesh.normals, np.tile([0, 0.6, 0.8], (4, 1)), atol=1e-6)
 
 
-def test_polygons_become_triangles(tmp_path):
-    mesh = read(tmp_path, ".obj", obj("v 2 1 0\nf 1 2 5 3\nf 1 4 2\n")).mesh
-    corners = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces)]
-    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    assert areas.tolist() == [1, 1, 1]
+def test_text_of_any_encoding_is_an_stl(tmp_path):
+    for data in (stl(False).replace(b"solid a", b"solid B\xfcro"), stl(False).decode().encode("utf-16")):
+        np.testing.assert_array_equal(corners(read(tmp_path, ".stl", data).mesh), POINTS[np.array(FACES)])
+
+
+def test_all_solids_of_an_stl_are_one_mesh(tmp_path):
+    moved = stl(False).replace(b"2 0 0", b"5 0 0")
+    expected = [*POINTS[np.array(FACES)].tolist(), *np.where(POINTS == 2, 5, POINTS)[np.array(FACES)].tolist()]
+    assert corners(read(tmp_path, ".stl", stl(False) + b"solid b\nendsolid b\n" + moved).mesh) == expected
+
+
+def first_least(triangle: list) -> list:
+    """The same triangle, begun at its least corner."""
+    first = triangle.index(min(triangle))
+    return triangle[first:] + triangle[:first]
+
+
+POLYGONS = {
+    ".obj": obj("v 2 1 0\nf 1 2 5 3\nf 1 4 2\n"),
+    ".off": off().replace(b"4 2 0\n", b"5 2 0\n").replace(b"3 0 1 2\n3 0 3 1", b"2 1 0\n4 0 1 4 2 9 9 9\n3 0 3 1 0.5"),
+    ".ply": ply(faces=[(0, 1, 4, 2), (0, 3, 1)])
+    .replace(b"vertex 4", b"vertex 5")
+    .replace(b"0 0 -1\n", b"0 0 -1\n2 1 0\n"),
+}
+
+
+@pytest.mark.parametrize("suffix", POLYGONS)
+def test_polygons_become_fans(tmp_path, suffix):
+    found = corners(read(tmp_path, suffix, POLYGONS[suffix]).mesh)
+    square = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]
+    expected = [square[:3], [square[0], *square[2:]], POINTS[[0, 3, 1]].tolist()]
+    assert sorted(map(first_least, found)) == sorted(map(first_least, expected))
+
+
+@pytest.mark.parametrize("count", [4, 10_000])
+def test_a_fan_covers_as_much_as_its_polygon(tmp_path, count):
+    """Of a concave one (here an arrow and a star) it covers some places twice, the second time from behind."""
+    angle = 2 * np.pi * np.arange(count) / count
+    x, y = np.array([np.cos(angle), np.sin(angle)]) * np.where(np.arange(count) % 2, 1.0, 0.1)
+    lines = "".join(f"v {a} {b} 0\n" for a, b in zip(x, y)) + "f " + " ".join(map(str, range(1, count + 1)))
+    a, b, c = np.moveaxis(np.array(corners(read(tmp_path, ".obj", lines.encode()).mesh))[..., :2], 1, 0)
+    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+    assert len(a) == count - 2
+    assert 0.5 * np.sum(ux * vy - uy * vx) == pytest.approx(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)), 1e-4)
+
+
+def test_faces_without_area_and_faces_twice_are_kept(tmp_path):
+    mesh = read(tmp_path, ".obj", obj("f 1 1 2\nf 1 2 3\nf 1 2 3\nf 2 2 2\n")).mesh
+    assert corners(mesh) == POINTS[[[0, 0, 1], [0, 1, 2], [0, 1, 2], [1, 1, 1]]].tolist()
+    assert np.isfinite(mesh.normals).all()
+
+
+LIBRARY = b"newmtl red\nKd 0.002 0.5 1\nnewmtl plain  one\nNs 5\nnewmtl grey\nKd 0.25\n"
 
 
 def test_obj_colours(tmp_path):
-    (tmp_path / "m.mtl").write_text("newmtl red\nKd 0.002 0.5 1\nnewmtl plain\nNs 5\n")
-    asset = read(tmp_path, ".obj", b"mtllib m.mtl\n" + obj("usemtl red\nf 1 2 3\nusemtl plain\nf 1 4 2\n"))
+    (tmp_path / "m.mtl").write_bytes(LIBRARY)
+    (tmp_path / "n.mtl").write_bytes(b"newmtl blue\nkd 0 0 1\n")
+    tail = "usemtl red\nf 1 2 3\nusemtl plain one \nf 1 4 2\nusemtl grey\nf 1 2 3\nusemtl blue\nf 1 2 3\n"
+    asset = read(tmp_path, ".obj", b"mtllib m.mtl\nmtllib .\\n.mtl\n" + obj(tail))
     colors = np.asarray(asset.materials.base_color)[np.asarray(asset.mesh.material)]
-    first = np.asarray(asset.mesh.vertices)[np.asarray(asset.mesh.faces)][:, :, 2].min(axis=1) == 0
-    np.testing.assert_array_equal(colors[first], np.float32([[0.002, 0.5, 1, 1]]))
-    np.testing.assert_array_equal(colors[~first], np.float32([[*GREY, 1]]))
+    expected = [(0.002, 0.5, 1, 1), (*GREY, 1), (0.25, 0.25, 0.25, 1), (0, 0, 1, 1)]
+    np.testing.assert_array_equal(colors, np.float32(expected))
+    assert asset.mesh.colors is None
     assert asset.notes == ()
+
+
+def linear_of(code: float) -> float:
+    return code / 12.92 if code < 0.04045 else ((code + 0.055) / 1.055) ** 2.4
 
 
 def test_colours_of_vertices(tmp_path):
-    one = {name: ("uchar", [code] * 4) for name, code in zip(("red", "green", "blue"), (255, 0, 128))}
-    asset = read(tmp_path, ".ply", ply(columns=one))
-    np.testing.assert_allclose(asset.materials.base_color, [[1, 0, 0.2158605, 1]], rtol=1e-6)
-    assert asset.notes == ()
-    many = {name: ("uchar", [30, 60, 90, 0]) for name in ("red", "green", "blue")}
-    asset = read(tmp_path, ".ply", ply(columns=many))
-    codes = np.array([60, 30]) / 255
-    colors = np.asarray(asset.materials.base_color)[np.asarray(asset.mesh.material), 0]
-    np.testing.assert_allclose(colors, np.where(codes < 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4), 1e-6)
-    assert asset.notes == ("vertex colours are averaged over each face",)
+    codes = np.array([[255, 0, 128], [30, 60, 90], [1, 2, 3], [0, 0, 0]])
+    columns = dict(zip(("red", "green", "blue"), codes.T.tolist()))
+    real = [f"v {x:g} {y:g} {z:g} {r} {g} {b}\n" for (x, y, z), (r, g, b) in zip(POINTS, codes / 255)]
+    files = {
+        "codes.ply": ply(columns={name: ("uchar", values) for name, values in columns.items()}),
+        "real.ply": ply(columns={name: ("float", [v / 255 for v in values]) for name, values in columns.items()}),
+        "real.obj": "".join([*real, "f 1 2 3\nf 1 4 2\n"]).encode(),
+    }
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+        asset = read_mesh(tmp_path / name)
+        order = [np.asarray(asset.mesh.vertices).tolist().index(p) for p in POINTS.tolist()]
+        linear = [[*map(linear_of, (codes / 255)[i]), 1] for i in range(4)]
+        np.testing.assert_allclose(np.asarray(asset.mesh.colors)[order], linear, rtol=1e-4, err_msg=name)
+        np.testing.assert_array_equal(asset.materials.base_color, [[1, 1, 1, 1]])
+        assert asset.notes == ()
 
 
-def test_notes(tmp_path):
-    asset = read(tmp_path, ".obj", b"mtllib gone.mtl\n" + obj())
-    assert asset.notes == ("material library gone.mtl is missing",)
-    Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
-    (tmp_path / "m.mtl").write_text("newmtl a\nmap_Kd a.png\n")
-    tail = "vt 0 0\nusemtl a\nf 1/1 2/1 3/1\nf 1/1 4/1 2/1\n"
-    assert read(tmp_path, ".obj", b"mtllib m.mtl\n" + obj(tail)).notes == ("textures are ignored",)
+def test_colours_of_faces(tmp_path):
+    data = ply(faces=[(0, 1, 2), (0, 3, 1), (0, 1, 2)]).replace(b"end_header", b"COLORS\nend_header")
+    data = data.replace(b"COLORS", b"\n".join(b"property uchar " + name for name in (b"red", b"green", b"blue")))
+    data = data.replace(b"3 0 1 2\n", b"3 0 1 2 255 0 128\n").replace(b"3 0 3 1\n", b"3 0 3 1 0 0 0\n")
+    asset = read(tmp_path, ".ply", data)
+    red, black = (1, 0, linear_of(128 / 255), 1), (0, 0, 0, 1)
+    colors = np.asarray(asset.materials.base_color)[np.asarray(asset.mesh.material)]
+    np.testing.assert_allclose(colors, [red, black, red], rtol=1e-6)
+    mixed = data.replace(b"3 0 3 1 0", b"4 0 3 1 2 0")
+    asset = read(tmp_path, ".ply", mixed)
+    np.testing.assert_array_equal(asset.materials.base_color, np.float32([[*GREY, 1]]))
+    assert asset.notes == ("face colours are ignored, since some faces have more corners than others",)
 
 
+def test_some_coloured_vertices_are_none(tmp_path):
+    assert read(tmp_path, ".obj", obj().replace(b"2 0 0", b"2 0 0 1 0 0")).mesh.colors is None
+
+
+@pytest.mark.parametrize(
+    ("suffix", "data", "note"),
+    [
+        (".obj", b"mtllib gone.mtl\n" + obj(), "material library gone.mtl is missing"),
+        (".obj", b"mtllib empty.mtl\n" + obj(), "material library empty.mtl is empty"),
+        (".obj", b"mtllib .\n" + obj(), "material library . is a folder; name a file in it"),
+        (".obj", b"mtllib ../m.mtl\n" + obj(), "material library ../m.mtl lies outside the file's folder"),
+        (".obj", b"mtllib ..\\m.mtl\n" + obj(), r"material library ..\m.mtl lies outside the file's folder"),
+        (".obj", b"mtllib a/../../m.mtl\n" + obj(), "material library a/../../m.mtl lies outside the file's folder"),
+        (".obj", b"mtllib /etc/passwd\n" + obj(), "material library /etc/passwd lies outside the file's folder"),
+        (".obj", obj("usemtl red\nf 1 2 3\nusemtl blue\nf 1 2 3\n"), "materials are missing: red, blue"),
+        (".obj", b"mtllib m.mtl\n" + obj(), r"textures are ignored: C:\my rug.png, bump.png"),
+        (".obj", b"mtllib far.mtl\n" + obj(), "Kd 3 -1 0.5 is clamped to [0, 1]: line 2"),
+        (
+            ".ply",
+            ply().replace(b"ascii 1.0", b"ascii 1.0\ncomment TextureFile rug.png"),
+            "textures are ignored: rug.png",
+        ),
+        (".off", b"C" + off(), "vertex colours are ignored"),
+    ],
+)
+def test_what_is_left_out_is_noted_by_name(tmp_path, suffix, data, note):
+    (tmp_path / "m.mtl").write_bytes(b"newmtl a\nmap_Kd C:\\my rug.png\nbump bump.png\n")
+    (tmp_path / "far.mtl").write_bytes(b"newmtl a\nKd 3 -1 0.5\n")
+    (tmp_path / "empty.mtl").write_bytes(b"")
+    assert read(tmp_path, suffix, data).notes == (note,)
+
+
+def test_what_is_not_there_beside_a_vertex_is_noted_by_line(tmp_path):
+    """Texture coordinates and normals out of range cost no geometry; the other faces keep theirs."""
+    tail = "vt 0.25 0\nvn 0 0 1\nf 1/1/1 2/2/1 3//-7\nf 1/1/1 4/0/1 2/1/1\nf 1/1/1 2/1/1 3/1/1\nf 1//x 2//1 3//1"
+    asset = read(tmp_path, ".obj", obj(tail))
+    said = "texture coordinates or normals that are not there are left out"
+    assert asset.notes == (f"{said}: line 7, line 8, line 10",)
+    assert corners(asset.mesh) == POINTS[[[0, 1, 2], [0, 3, 1], [0, 1, 2], [0, 1, 2]]].tolist()
+    assert np.asarray(asset.mesh.uvs)[np.asarray(asset.mesh.faces)][2].tolist() == [[0.25, 1]] * 3
+    np.testing.assert_allclose(np.linalg.norm(asset.mesh.normals, axis=1), 1, rtol=1e-6)
+    with pytest.raises(InputError, match=f"line 7: {said}, which strict forbids; export it again"):
+        read(tmp_path, ".obj", obj(tail), strict=True)
+
+
+FAR = r"of 4 vertices are not finite or beyond 1\.844e\+18 m; export it again, or drop it with repair"
+NO_FACES = "contains no triangles; it may be cut off"
 BROKEN = {
     "missing": (".obj", None, "cannot be read: No such file"),
     "empty": (".obj", b"", "is empty"),
-    "no faces": (".obj", obj(""), "contains no triangles"),
-    "only lines": (".obj", obj("l 1 2\n"), "contains no triangles"),
-    "two corners": (".obj", obj("f 1 2\n"), "contains no triangles"),
-    "index 0": (".obj", obj("f 1 2 3\nf 1/1 0/2 3/1\n"), "line 6: index 0, but the first vertex is 1"),
-    "index 0 at the end": (".obj", obj("f 1 2 0"), "line 5: index 0"),
-    "index beyond": (".obj", obj("f 1 2 9\n"), "not a readable .obj file: index 8 is out of bounds"),
-    "index before": (".obj", obj("f -1 -2 -9\n"), "not a readable .obj file: index -9 is out of bounds"),
-    "index back from the middle": (".obj", obj("f -1 -2 -3\nv 9 9 9\n"), "line 5: negative index with vertices after"),
-    "words for coordinates": (".obj", b"v 0 0 zero\n" + obj(), "not a readable .obj file"),
-    "words for indices": (".obj", obj("f a b c\n"), "not a readable .obj file"),
-    "not a number": (".obj", b"v 0 nan 0\n" + obj(), "1 of 4 vertices are not finite"),
-    "overflow": (".obj", b"v 0 1e400 0\n" + obj(), "1 of 4 vertices are not finite"),
-    "too far": (".obj", b"v 0 1e30 0\n" + obj(), r"1 of 4 vertices are not finite or beyond 1e\+18 m"),
-    "obj, binary": (".obj", bytes(range(128)) * 4, "model.obj: "),
-    "two coordinates": (".obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "vertices have 2 coordinates, not 3"),
-    "off, junk": (".off", b"junk", "not a readable .off file"),
-    "off, cut off": (".off", off()[:-6], "claims 2 faces, but 1 were found; it may be cut off"),
-    "off, no points": (".off", b"OFF\n", "not a readable .off file"),
-    "off, index beyond": (".off", off()[:-1] + b"7", "face index outside"),
-    "ply, junk": (".ply", b"junk", "not a readable .ply file"),
-    "ply, a claim": (".ply", ply(num_faces=353_535_235_358), "model.ply: "),
-    "ply, cut off": (".ply", ply("binary_little_endian")[:-4], "model.ply: "),
-    "ply, index beyond": (".ply", ply(faces=[(0, 1, 7)]), "index 7 but only 4 vertices"),
-    "ply, index before": (".ply", ply(faces=[(0, 1, -1)]), "index -1 but only 4 vertices"),
-    "ply, only points": (".ply", ply(faces=[]), "contains no triangles"),
-    "stl, junk": (".stl", b"junk" * 30, "contains no triangles; it may be cut off"),
-    "stl, cut off": (".stl", stl(True)[:-9], "contains no triangles; it may be cut off"),
-    "stl, cut off text": (".stl", stl(False)[:-12], "contains no triangles; it may be cut off"),
-    "stl, words": (".stl", stl(False).replace(b"2 0 0", b"2 zero 0"), "not a readable .stl file"),
+    "only a mark": (".obj", b"\xef\xbb\xbf", NO_FACES),
+    "no faces": (".obj", obj(""), NO_FACES),
+    "only points": (".obj", obj("p 1 2\n"), NO_FACES),
+    "only lines": (".obj", obj("l 1 2\n"), NO_FACES),
+    "no corners": (".obj", obj("f\n"), "line 5: a face has 0 corners, not 3 or more; export it again"),
+    "two corners": (".obj", obj("f 1 2 3\nf 1 2\n"), "line 6: a face has 2 corners, not 3 or more"),
+    "cut off in a face": (".obj", obj("f 1 2 3\nf 1 2"), "line 6: a face has 2 corners"),
+    "cut off in a vertex": (".obj", obj("v 1 2"), "line 5: '1 2' is not 3 or more numbers; export it again"),
+    "index 0": (
+        ".obj",
+        obj("f 1 2 3\nf 1/1 0/2 3/1\n"),
+        "line 6: corner 0/2 is none of the 4 vertices from 1 on; export",
+    ),
+    "index 0 at the end": (".obj", obj("f 1 2 0"), "line 5: corner 0 is none of"),
+    "index beyond": (".obj", obj("f 1 2 3\nf 1 2 9\n"), "line 6: corner 9 is none of the 4 vertices"),
+    "index far beyond": (".obj", obj("f 1 2 " + "9" * 5000), "line 5: corner 9{40} is none of the 4 vertices"),
+    "index before": (".obj", obj("f -1 -2 -5\n"), "line 5: corner -5 is none of the 4 vertices"),
+    "index before, of no number": (".obj", obj("f -1 -2 -x\n"), "line 5: corner -x is none of the 4 vertices"),
+    "no vertex in a corner": (".obj", obj("vt 0 0\nf 1/1 2/1 /1\n"), "line 6: corner /1 is none of the 4 vertices"),
+    "words for indices": (".obj", obj("f a b c\n"), "line 5: corner a is none of the 4 vertices"),
+    "a fraction for an index": (".obj", obj("f 1 2 3.5\n"), "line 5: corner 3.5 is none of the 4 vertices"),
+    "words for coordinates": (".obj", obj("\n\n  v 0 0 zero"), "line 7: '0 0 zero' is not 3 or more numbers"),
+    "words for normals": (".obj", obj("vn 0 0 1,5\n"), "line 5: '0 0 1,5' is not 3 or more numbers"),
+    "words for texture coordinates": (".obj", obj("vt left top\n"), "line 5: 'left top' is not 1 or more numbers"),
+    "two coordinates": (".obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "line 1: '0 0' is not 3 or more numbers"),
+    "not a number": (".obj", b"v 0 nan 0\n" + obj(), f"1 {FAR}"),
+    "overflow": (".obj", b"v 0 1e400 0\n" + obj(), f"1 {FAR}"),
+    "too far": (".obj", b"v 0 1e30 0\nv 0 0 -inf\n" + obj(), f"2 {FAR}"),
+    "obj, binary": (".obj", bytes(range(128)) * 4, "holds zero bytes, so it is no text; export it again"),
+    "obj, binary without zeros": (".obj", bytes(range(1, 128)) * 4, NO_FACES),
+    "obj, UTF-16 without a mark": (".obj", obj().decode().encode("utf-16-le"), "holds zero bytes, so it is no text"),
+    "obj, UTF-32": (".obj", obj().decode().encode("utf-32"), "holds zero bytes, so it is no text"),
+    "off, junk": (".off", b"junk", "does not begin with OFF and the counts of vertices and faces"),
+    "off, only comments": (".off", b"# OFF", "does not begin with OFF"),
+    "off, no counts": (".off", b"OFF\n", "does not begin with OFF"),
+    "off, one count": (".off", b"OFF\n4", "does not begin with OFF"),
+    "off, a count below 0": (".off", b"OFF\n4 -2 0", "does not begin with OFF"),
+    "off, cut off": (".off", off()[:-8], "claims 4 vertices and 2 faces, but 5 lines follow; it may be cut off"),
+    "off, cut off in a face": (".off", off()[:-2], "line 8: a face has 0 corners, not 3 or more"),
+    "off, a claim": (
+        ".off",
+        off().replace(b"4 2 0", b"4 353535235358 0"),
+        "claims 4 vertices and 353535235358 faces, but 6",
+    ),
+    "off, index beyond": (".off", off()[:-1] + b"7", "line 8: corner 8 is none of the 4 vertices from 1 on"),
+    "off, index before": (".off", off()[:-1] + b"-1", "line 8: corner 0 is none of the 4 vertices from 1 on"),
+    "off, a word for a size": (".off", off()[:-7] + b"x 0 1 2 3", "line 8: a face has 0 corners"),
+    "off, words": (".off", off().replace(b"2 0 0", b"2 zero 0"), "line 4: '2 zero 0' is not 3 or more numbers"),
+    "off, not a number": (".off", off().replace(b"2 0 0", b"2 nan 0"), f"1 {FAR}"),
+    "off, no faces": (".off", b"OFF\n1 0 0\n0 0 0", NO_FACES),
+    "ply, junk": (".ply", b"junk", "is not a readable .ply file"),
+    "ply, a claim": (
+        ".ply",
+        ply(num_faces=353_535_235_358),
+        r"claims 353535235358 faces, but has only \d+ bytes; it may be",
+    ),
+    "ply, a little claim": (".ply", ply(num_faces=3), "claims 3 faces, but 2 were found; it may be cut off"),
+    "ply, a claim of vertices": (
+        ".ply",
+        ply().replace(b"vertex 4", b"vertex 353535235358"),
+        "claims 2 faces, but 0 were found",
+    ),
+    "ply, a claim of corners": (
+        ".ply",
+        ply("binary_little_endian", faces=[(7, 1, 2)]).replace(b"\3\7\0\0\0", b"\xff\7\0\0\0"),
+        "is not a readable .ply file: PLY is unexpected length",
+    ),
+    "ply, cut off": (".ply", ply("binary_little_endian")[:-4], "is not a readable .ply file: PLY is unexpected length"),
+    "ply, index beyond": (
+        ".ply",
+        ply(faces=[(0, 1, 2), (0, 1, 7)]),
+        "face 1: corner 7 is none of the 4 vertices; export",
+    ),
+    "ply, index before": (".ply", ply(faces=[(0, 1, -1)]), "face 0: corner -1 is none of the 4 vertices"),
+    "ply, two corners": (".ply", ply(faces=[(0, 1), (1, 2)]), "face 0: a face has 2 corners, not 3 or more"),
+    "ply, not a number": (".ply", ply().replace(b"2 0 0\n", b"2 nan 0\n"), f"1 {FAR}"),
+    "ply, only points": (".ply", ply(faces=[]), NO_FACES),
+    "stl, junk": (
+        ".stl",
+        b"junk" * 30,
+        "claims 1802401130 faces, which take 90120056584 bytes, but has 120; it may be cut off",
+    ),
+    "stl, little junk": (".stl", b"junk", "claims 0 faces, which take 84 bytes, but has 4; it may be cut off"),
+    "stl, a claim": (
+        ".stl",
+        stl(True).replace(struct.pack("<I", 2), b"\xff" * 4, 1),
+        "claims 4294967295 faces, which take 214748364834 bytes, but has 184; it may",
+    ),
+    "stl, cut off": (".stl", stl(True)[:-9], "claims 2 faces, which take 184 bytes, but has 175; it may be cut off"),
+    "stl, cut off text": (".stl", stl(False)[:-12], "claims 2 faces, but 0 were found; it may be cut off"),
+    "stl, cut off in a second solid": (".stl", stl(False) + stl(False)[:-12], "claims 4 faces, but 2 were found"),
+    "stl, words": (".stl", stl(False).replace(b"2 0 0", b"2 zero 0"), "is not a readable .stl file"),
+    "stl, a million empty lines": (".stl", b"solid a" + b"\n" * 10**6 + b"endsolid", NO_FACES),
+    "stl, no faces": (".stl", b"solid a\nendsolid a\n", NO_FACES),
+    "stl, not a number": (
+        ".stl",
+        stl(True).replace(struct.pack("<f", 2), struct.pack("<f", np.nan)),
+        "2 of 6 vertices are not finite",
+    ),
 }
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_broken_files(tmp_path, name):
+def test_broken_files_are_one_line_of_words_soon_and_in_little_memory(tmp_path, name):
     suffix, data, message = BROKEN[name]
     if data is not None:
         (tmp_path / f"model{suffix}").write_bytes(data)
-    with pytest.raises(InputError, match=message) as caught:
-        read_mesh(tmp_path / f"model{suffix}")
+    began = time.process_time()
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=rf"model\{suffix}: (?:{message})") as caught:
+            read_mesh(tmp_path / f"model{suffix}")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert time.process_time() - began < 2
+    assert peak < 2**24
     assert "\n" not in str(caught.value)
-    assert caught.value.file in (tmp_path / f"model{suffix}", str(tmp_path / f"model{suffix}"))
+    assert caught.value.file == str(tmp_path / f"model{suffix}") or caught.value.file == tmp_path / f"model{suffix}"
+
+
+WHOLE, SECOND = POINTS[np.array(FACES)].tolist(), POINTS[np.array(FACES[1:])].tolist()
+REPAIRED = {
+    "two corners": (
+        ".obj",
+        obj("f 1 2\nf 1 4 2\n"),
+        "dropped 1 of 2 faces: a face has 2 corners, not 3 or more: line 5",
+    ),
+    "index 0": (
+        ".obj",
+        obj("f 1 2 0\nf 1 4 2\n"),
+        "dropped 1 of 2 faces: corner 0 is none of the 4 vertices from 1 on: line 5",
+    ),
+    "index beyond": (
+        ".obj",
+        obj("f 1 2 9\nf 1 4 2\nf 1 8 2"),
+        "dropped 2 of 3 faces: corner 9 is none of the 4 vertices from 1 on: line 5",
+    ),
+    "not a number": (
+        ".obj",
+        obj("v 0 nan 0\nf 1 2 5\nf 1 4 2\n"),
+        "dropped 1 of 2 faces: 1 of 4 vertices are not finite or beyond 1.844e+18 m",
+    ),
+    "too far, with colours": (
+        ".obj",
+        obj("v 0 1e400 0\nf 1 2 5\nf 1 4 2\n").replace(b"\nf", b" 1 1 1\nf", 1).replace(b"\nv", b" 1 1 1\nv"),
+        "dropped 1 of 2 faces: 1 of 4 vertices are not finite or beyond 1.844e+18 m",
+    ),
+    "off": (
+        ".off",
+        off().replace(b"3 0 1 2", b"3 0 1 9"),
+        "dropped 1 of 2 faces: corner 10 is none of the 4 vertices from 1 on: line 7",
+    ),
+    "ply": (
+        ".ply",
+        ply(faces=[(0, 1, 9), FACES[1]]),
+        "dropped 1 of 2 faces: corner 9 is none of the 4 vertices: face 0",
+    ),
+    "ply, an idle vertex": (
+        ".ply",
+        ply(faces=FACES[1:]).replace(b"0 1 0\n", b"0 nan 0\n"),
+        "dropped 0 of 1 faces: 1 of 4 vertices are not finite or beyond 1.844e+18 m",
+    ),
+    "stl": (
+        ".stl",
+        stl(True).replace(struct.pack("<3f", *POINTS[2]), struct.pack("<3f", 0, np.inf, 0)),
+        "dropped 1 of 2 faces: 1 of 6 vertices are not finite or beyond 1.844e+18 m",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REPAIRED)
+def test_repair_drops_broken_faces_alone_and_counts_them(tmp_path, name):
+    suffix, data, note = REPAIRED[name]
+    asset = read(tmp_path, suffix, data, repair=True)
+    assert corners(asset.mesh) == SECOND
+    assert asset.mesh.vertices.shape == (3, 3)
+    assert asset.mesh.material.tolist() == [0]
+    assert asset.notes == (note,)
+    with pytest.raises(InputError, match=r"; export it again, or drop it with repair$"):
+        read(tmp_path, suffix, data)
+
+
+def test_repair_counts_what_both_faults_drop(tmp_path):
+    asset = read(tmp_path, ".obj", obj("v 0 nan 0\nf 1 2 9\nf 1 2 5\nf 1 9 5\nf 1 4 2\n"), repair=True)
+    assert corners(asset.mesh) == SECOND
+    assert asset.notes == (
+        "dropped 2 of 4 faces: corner 9 is none of the 5 vertices from 1 on: line 6",
+        "dropped 1 of 2 faces: 1 of 4 vertices are not finite or beyond 1.844e+18 m",
+    )
+
+
+def test_nothing_left_to_draw_is_an_error(tmp_path):
+    for data in (obj("f 1 2 9\n"), obj("v nan 0 0\nf 1 2 5")):
+        with pytest.raises(InputError, match="contains no triangles"):
+            read(tmp_path, ".obj", data, repair=True)
 
 
 def test_a_colour_that_is_no_number(tmp_path):
+    data = b"mtllib m.mtl\n" + obj("usemtl a\nf 1 2 3\n")
     (tmp_path / "m.mtl").write_text("newmtl a\nKd nan 0 0\n")
-    with pytest.raises(InputError, match="its colour Kd is"):
-        read(tmp_path, ".obj", b"mtllib m.mtl\n" + obj("usemtl a\nf 1 2 3\n"))
+    with pytest.raises(InputError, match=r"m\.mtl: line 2: Kd is nan 0 0; export it again, or drop it with repair$"):
+        read(tmp_path, ".obj", data)
+    asset = read(tmp_path, ".obj", data, repair=True)
+    np.testing.assert_array_equal(asset.materials.base_color, np.float32([[*GREY, 1]]))
+    assert asset.notes == ("dropped a colour: Kd is nan 0 0: line 2",)
+    for words in (b"red", b"1 0"):
+        (tmp_path / "m.mtl").write_bytes(b"newmtl a\n\nKd " + words)
+        with pytest.raises(InputError, match=rf"m\.mtl: line 3: '{words.decode()}' is not [13] or more numbers"):
+            read(tmp_path, ".obj", data)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".stl"])
+def test_each_limit_is_the_last_size_that_is_read(tmp_path, suffix):
+    data = {".obj": obj(), ".off": off(), ".ply": ply(), ".stl": stl(True)}[suffix]
+    for limit, most, message in (
+        ("triangles", 2, "has 2 triangles"),
+        ("file_bytes", len(data), f"has {len(data)} bytes"),
+    ):
+        assert corners(read(tmp_path, suffix, data, limits=Limits(**{limit: most})).mesh) == WHOLE
+        with pytest.raises(LimitError, match=rf"{message}; at most {most - 1} are allowed \(limit {limit}\)$"):
+            read(tmp_path, suffix, data, limits=Limits(**{limit: most - 1}))
+
+
+def test_a_library_is_within_the_limits_too(tmp_path):
+    (tmp_path / "m.mtl").write_bytes(bytes(1000))
+    with pytest.raises(LimitError, match=r"m\.mtl: has 1000 bytes; at most 999 are allowed \(limit file_bytes\)$"):
+        read(tmp_path, ".obj", b"mtllib m.mtl\n" + obj(), limits=Limits(file_bytes=999))
+
+
+# Stops before normals are made: every new number of vertices would compile them anew.
+UNJOINED = mock.patch.object(module, "join_pieces", lambda pieces, *_: pieces[0])
+
+
+@pytest.mark.parametrize("key", ["f", "l", "v", "g", "#"])
+def test_a_line_of_a_million_vertices(tmp_path, key):
+    data = obj() + f"{key} ".encode() + b"1 2 3 4 " * 250_000
+    began = time.process_time()
+    with UNJOINED:
+        piece = read(tmp_path, ".obj", data).mesh
+    assert time.process_time() - began < 2
+    assert len(piece.faces) == 2 + (10**6 - 2) * (key == "f")
+
+
+MODELS = pathlib.Path("/usr/share/assimp/models")
+REFUSED = {
+    "invalid/empty.obj": "is empty",
+    "invalid/empty.off": "is empty",
+    "invalid/empty.ply": "is empty",
+    "invalid/malformed.obj": "line 23: corner 12 is none of the 8 vertices from 1 on",
+    "invalid/malformed2.obj": "line 23: a face has 0 corners",
+    "invalid/OutOfMemory.off": "claims 353535235358 vertices and 6 faces, but 14 lines follow",
+    "OBJ/number_formats.obj": "line 11: '1e+2 2.e+1 3.1+e2' is not 3 or more numbers",
+    "OBJ/point_cloud.obj": NO_FACES,
+    "OBJ/testline.obj": NO_FACES,
+    "OBJ/testpoints.obj": NO_FACES,
+    "OFF/invalid.off": "line 6: a face has 0 corners",
+    "PLY/issue623.ply": NO_FACES,
+    "PLY/points.ply": NO_FACES,
+}
+
+
+def test_real_files_give_a_mesh_or_the_right_words():
+    """The models of Debian's assimp-testmodels, but for those that are larger than 2 MB."""
+    if not MODELS.is_dir():
+        pytest.skip(f"no {MODELS}; install assimp-testmodels")
+    folders = ("invalid", "OBJ", "PLY", "STL", "OFF")
+    files = [file for folder in folders for file in (MODELS / folder).iterdir() if file.stat().st_size < 2_000_000]
+    files = [file for file in sorted(files) if file.suffix.lower() in (".obj", ".ply", ".stl", ".off")]
+    assert len(files) > 40
+    refused = set()
+    for file in files:
+        name = str(file.relative_to(MODELS))
+        began = time.process_time()
+        try:
+            asset = read_mesh(file)
+        except InputError as error:
+            refused.add(name)
+            assert str(error).startswith(f"{file}: {REFUSED.get(name, 'it should have been read')}"), error
+            assert "\n" not in str(error), name
+        else:
+            assert len(asset.mesh.faces), name
+            assert np.isfinite([asset.mesh.vertices, asset.mesh.normals]).all(), name
+        assert time.process_time() - began < 2, name
+    assert refused == REFUSED.keys()
+
+
+PAINTED = {name: ("uchar", [1, 2, 3, 4]) for name in ("red", "green", "blue")}
+TAIL = "vt 0 0\nvn 0 0 1\nusemtl a\nf 1/1/1 2/1/1 3/1/1\nf -4//1 -1//1 -3//1\nf 1 2 3 4\n"
+VALID = [
+    (".obj", b"mtllib damaged.mtl\n" + obj(TAIL)),
+    (".mtl", LIBRARY),
+    (".off", off()),
+    (".ply", ply(columns=PAINTED)),
+    (".ply", ply("binary_little_endian")),
+    (".stl", stl(True)),
+    (".stl", stl(False)),
+]
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    st.sampled_from(VALID),
+    st.lists(st.tuples(st.integers(0, 2**16), st.integers(1, 255)), max_size=4),
+    st.booleans(),
+    st.data(),
+)
+def test_damage_gives_triangles_or_one_typed_error(tmp_path_factory, valid, flips, repair, draw):
+    suffix, data = valid
+    broken = bytearray(data)
+    for place, bits in flips:
+        broken[place % len(broken)] ^= bits
+    folder = tmp_path_factory.getbasetemp()
+    for name, whole in VALID[:2]:
+        (folder / f"damaged{name}").write_bytes(whole)
+    (folder / f"damaged{suffix}").write_bytes(broken[: draw.draw(st.integers(1, len(broken)) | st.just(len(broken)))])
+    file = folder / f"damaged{'.obj' if suffix == '.mtl' else suffix}"
+    began = time.process_time()
+    with UNJOINED:
+        try:
+            piece = read_mesh(file, Reading(repair=repair)).mesh
+        except Error as error:
+            assert str(error).startswith(f"{file.with_suffix(suffix)}: ")
+            assert "\n" not in str(error)
+        else:
+            assert all(np.isfinite(array).all() for array in (piece.vertices, piece.normals, piece.uvs))
+            assert piece.faces.size
+            assert 0 <= piece.faces.min() <= piece.faces.max() < len(piece.vertices)
+            assert piece.material.shape == piece.faces.shape[:1]
+    assert time.process_time() - began < 2

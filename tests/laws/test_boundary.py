@@ -152,12 +152,12 @@ CASES = {
     "pack_textures: wrap of another count": (
         lambda: jr.pack_textures([IMAGE], [(0, 0), (1, 1)]),
         ValueError,
-        "pack_textures: wrap must hold two of 0, 1, 2 for each of 1 images",
+        "pack_textures: wrap must hold 2 of 0, 1, 2 for each of 1 images",
     ),
     "pack_textures: unknown wrap": (
         lambda: jr.pack_textures([IMAGE], [(0, 10497)]),
         ValueError,
-        "pack_textures: wrap must hold two of 0, 1, 2 for each of 1 images, got [(0, 10497)]",
+        "pack_textures: wrap must hold 2 of 0, 1, 2 for each of 1 images, got [(0, 10497)]",
     ),
     "plan: traced size": (
         lambda: jax.jit(lambda n: jr.Plan(width=n).exposure)(4),

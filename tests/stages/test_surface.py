@@ -255,7 +255,9 @@ def test_a_normal_that_points_straight_away_becomes_the_view():
 
 def test_metallic_and_roughness():
     base = jnp.array([[0.5, 0.2, 1.0]] * 4)
-    diffuse, f0, alpha = metallic_roughness(base, jnp.array([0.0, 0.25, 1.0, 0.0]), jnp.array([0.0, 0.3, 1.0, 0.045]))
+    diffuse, f0, alpha, _ = metallic_roughness(
+        base, jnp.array([0.0, 0.25, 1.0, 0.0]), jnp.array([0.0, 0.3, 1.0, 0.045])
+    )
     np.testing.assert_allclose(diffuse, np.array([[1.0], [0.75], [0.0], [1.0]]) * base, rtol=1e-6)
     np.testing.assert_allclose(f0[0], [0.04] * 3, rtol=1e-6)
     np.testing.assert_allclose(f0[1], [0.155, 0.08, 0.28], rtol=1e-6)
