@@ -25,7 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a glTF, OBJ, PLY, STL or OFF file, or a built-in scene: stage (default), cornell_box, material_grid",
     )
     option = parser.add_argument
-    option("-o", "--output", default="render.png", metavar="OUT", help="the picture to write (default: %(default)s)")
+    option(
+        "-o",
+        "--output",
+        default="render.png",
+        metavar="OUT",
+        help="the picture: .png, .jpg; .hdr, .exr for light (default: %(default)s)",
+    )
     option("--width", type=whole(1), default=640, metavar="W", help="pixels (default: %(default)s)")
     option("--height", type=whole(1), default=480, metavar="H", help="pixels (default: %(default)s)")
     option("--camera", type=whole(0), metavar="N", help="which of the file's cameras (default: 0)")
@@ -65,7 +71,7 @@ def _check(arguments: argparse.Namespace) -> None:
     """Refuse what cannot be rendered or written, before anything slow begins."""
     from ..display.tonemap import TONEMAPS
     from ..io.exr import check_exr
-    from ..io.image import check_writable
+    from ..io.load import check_save
     from ..io.reading import Limits, exceed
     from ..plan import SHADINGS
     from .aov import AOVS
@@ -87,7 +93,7 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.exr:
         check_exr(arguments.exr)
     for path in (arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)):
-        check_writable(path)
+        check_save(path)
 
 
 def _aov_path(output: str, name: str) -> str:
@@ -136,7 +142,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     from ..display.dither import Dither
     from ..io.exr import write_exr
-    from ..io.image import write_image
+    from ..io.load import is_linear, save
     from ..planner import explain, plan_for
     from ..render import render
     from .aov import channels, finite_pixels, pick, picture
@@ -154,7 +160,7 @@ def run(arguments: argparse.Namespace) -> None:
     # Ask for the wanted buffers only: what is not returned is never computed.
     def buffers(scene, camera, plan):
         frame = render(scene, camera, plan)
-        light = frame.hdr if arguments.exr else None
+        light = frame.hdr if arguments.exr or is_linear(arguments.output) else None
         return frame.image, light, [pick(name, frame, camera, plan) for name in arguments.aov]
 
     with _step(seconds, "compile", "compiling"):
@@ -164,16 +170,16 @@ def run(arguments: argparse.Namespace) -> None:
     say(" · ".join(f"{name} {value:.{3 if name == 'frame' else 2}f} s" for name, value in seconds.items()))
 
     progress("saving...")
-    image, bad = finite_pixels(image)
+    image, bad = finite_pixels(light if is_linear(arguments.output) else image)
     if bad:
         total = arguments.width * arguments.height
         complain("warning", f"{arguments.output}: {bad} of {total} pixels are not finite and written as black")
-    write_image(arguments.output, image)
+    save(arguments.output, image)
     say(f"wrote {arguments.output} ({arguments.width}x{arguments.height})")
     for name, (mask, buffer) in zip(arguments.aov, aovs):
         path = _aov_path(arguments.output, name)
         image, about = picture(name, mask, buffer, plan)
-        write_image(path, image)
+        save(path, image)
         say(f"wrote {path} ({about})")
     if arguments.exr:
         planes = {letter: np.asarray(light[..., i]) for i, letter in enumerate("RGB")}

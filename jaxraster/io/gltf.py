@@ -61,7 +61,8 @@ def read_gltf(path: Path, reading: Reading | None = None) -> Asset:
     placed, num_materials = place_nodes(root, reading), len(rows(root, "materials"))
     pieces = _read_pieces(document, placed, num_materials)
     if not pieces:
-        fail(root, "contains no triangles; export a mesh with the scene")
+        left_out = f", but {'; '.join(reading.notes())}" if reading.notes() else ""
+        fail(root, f"contains no triangles{left_out}; export a mesh with the scene")
     default = any(piece.material[0] == num_materials for piece in pieces)
     materials, textures = read_materials(document, default)
     # Carry no second uvs along that nothing looks up.

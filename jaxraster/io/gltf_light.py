@@ -16,6 +16,7 @@ from .gltf_node import Matrix
 from .pointer import Json, fail, member, number, numbers, reference, rows, table
 
 PUNCTUAL = "KHR_lights_punctual"
+QUARTER = float(np.float32(math.pi / 2))  # as exporters write it: in float32 π/2 is rounded up
 
 
 def _unit(node: Json, axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
@@ -48,7 +49,7 @@ def read_lights(root: Json, placed: list[tuple[Json, Matrix]]) -> Lights | None:
             found["directional"].append((direction, color))
             continue
         cone = table(light, "spot")
-        outer = number(cone, "outerConeAngle", math.pi / 4, 0.0, math.pi / 2)
+        outer = number(cone, "outerConeAngle", math.pi / 4, 0.0, QUARTER)
         inner = number(cone, "innerConeAngle", 0.0, 0.0, outer)
         found["spot"].append((position, direction, color, reach, inner, outer))
     return stack_lights(**found) if any(found.values()) else None

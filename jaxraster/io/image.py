@@ -135,7 +135,9 @@ def _encoder(path: Path):
     suffix = os.path.splitext(os.fspath(path))[1].lower()
     if suffix not in _ENCODERS:
         found = f"unknown picture format {suffix!r}" if suffix else "no suffix to tell the picture's format"
-        raise OutputError(path, "", f"{found}; end the name with {', '.join(_ENCODERS)}")
+        raise OutputError(
+            path, "", f"{found}; end the name with {', '.join(_ENCODERS)}, or with .hdr or .exr for light"
+        )
     return _ENCODERS[suffix]
 
 

@@ -10,10 +10,10 @@ from jaxtyping import Float
 from ..errors import AssetWarning, InputError, UsageError
 from ..scene import Camera, Scene
 from .asset import LARGEST
-from .disk import Path
-from .exr import read_exr_light, write_exr
+from .disk import Path, check_file
+from .exr import check_exr, read_exr_light, write_exr
 from .gltf import read_gltf
-from .image import write_image
+from .image import check_writable, write_image
 from .mesh import read_mesh
 from .radiance import read_hdr, write_hdr
 from .reading import DEFAULT, Limits, Reading
@@ -70,7 +70,7 @@ def load(
 def read_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
     """Linear radiance in a Radiance (.hdr, .pic) or EXR file, finite and not negative, and what was put right.
 
-    Texels that are not finite become black, negative values 0, values above 1e18 that: each is noted with its count.
+    Texels that are not finite become black, negative values 0, values above 1.844e18 that: each noted with its count.
     """
     file, suffix = os.fspath(path), os.path.splitext(os.fspath(path))[1].lower()
     if suffix in (".hdr", ".pic"):
@@ -91,6 +91,24 @@ def read_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, 
     if not light.any():
         notes += ("it is black all over",)
     return np.clip(light, 0, np.float32(LARGEST)), notes
+
+
+LINEAR = (".hdr", ".exr")  # the suffixes of files that hold light, not codes for a display
+
+
+def is_linear(path: Path) -> bool:
+    """Whether `save` writes linear light there."""
+    return os.path.splitext(os.fspath(path))[1].lower() in LINEAR
+
+
+def check_save(path: Path) -> None:
+    """Raise the `OutputError` that `save` would end in, as far as it can be known before rendering."""
+    if not is_linear(path):
+        check_writable(path)
+    elif os.fspath(path).lower().endswith(".exr"):
+        check_exr(path)
+    else:
+        check_file(path)
 
 
 def save(path: Path, image) -> None:

@@ -76,8 +76,10 @@ def texture(
     fit_record("texture: textures", textures, Textures)
     fit("texture: uv", uv, Float[Array, "*b 2"])
     fit("texture: footprint", footprint, Float[Array, "*b 2 2"])
-    fit("texture: index", index if hasattr(index, "dtype") else np.asarray(index), Int[Array, "*b"])
-    below("texture: index", index, textures.wrap.shape[0], "textures", least=-(2**31))
+    # A plain number stays known under `jit` as an array of NumPy's alone.
+    rows = index if hasattr(index, "dtype") else np.asarray(index)
+    fit("texture: index", rows, Int[Array, "*b"])
+    below("texture: index", rows, textures.wrap.shape[0], "textures", least=-(2**31))
     index, uv, footprint = jnp.asarray(index), jnp.asarray(uv), jnp.asarray(footprint)
     if footprint.shape != (*uv.shape, 2):
         raise ValueError(

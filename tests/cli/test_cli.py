@@ -1,5 +1,6 @@
 """The command line: one line and the right exit code for whatever goes wrong, and a picture when nothing does."""
 
+import dataclasses
 import os
 import pathlib
 import pty
@@ -17,7 +18,10 @@ import jaxraster
 from jaxraster.cli import main
 from jaxraster.cli.aov import AOVS
 from jaxraster.errors import AssetWarning
+from jaxraster.io.exr import read_exr
 from jaxraster.io.image import read_image
+from jaxraster.io.radiance import read_hdr
+from jaxraster.io.reading import Limits
 
 ROOT = pathlib.Path(__file__).parents[2]
 STEPS = ("loading", "planning", "compiling", "rendering", "saving")
@@ -31,6 +35,7 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "cut.glb").write_bytes(b"glTF\2\0\0\0\xff\0\0\0")
     (tmp_path / "scene.xyz").write_text("?")
     (tmp_path / "triangle.obj").write_text("mtllib gone.mtl\nv -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "broken.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n")
     (tmp_path / "is_a_folder.png").mkdir()
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -53,8 +58,8 @@ REFUSED = [
     ("render --width 0", 2, "--width: expected a whole number from 1 on, got '0'"),
     ("render --height -480", 2, "--height: expected a whole number from 1 on, got '-480'"),
     ("render --width 64.5", 2, "--width: expected a whole number from 1 on, got '64.5'"),
-    ("render --width 16385", 5, "--width: 16385 pixels are more than the limit of 16384"),
-    ("render --width 16384 --height 16384 --supersample 2", 5, "1073741824 samples, more than the limit of 268435456"),
+    ("render --width 16385", 5, "--width: 16385 pixels; at most 16384 are allowed (limit picture_side)"),
+    ("render --width 16384 --height 16384 --supersample 2", 5, "1073741824 samples; at most 268435456 are"),
     ("render --supersample 9", 2, "--supersample: expected a whole number from 1 to 8, got '9'"),
     ("render --exposure nan", 2, "--exposure: expected a finite number, got 'nan'"),
     ("render --exposure -1e999", 2, "--exposure: expected a finite number, got '-1e999'"),
@@ -80,6 +85,18 @@ REFUSED = [
     ("render -o picture.tiff", 4, "picture.tiff: unknown picture format '.tiff'"),
     ("render -o /dev/null/x.png", 4, "/dev/null/x.png: cannot be written"),
     ("render -o", 2, "-o/--output: expected one argument"),
+    ("render -o nowhere/x.exr", 4, "nowhere/x.exr: cannot be written: there is no folder"),
+    ("render --exr nowhere/x.exr", 4, "nowhere/x.exr: cannot be written: there is no folder"),
+    ("render --exr is_a_folder.png", 4, "is_a_folder.png: cannot be written: it is a folder"),
+    ("render --limit triangle=5", 2, "--limit: unknown name 'triangle'; did you mean 'triangles'?"),
+    ("render --limit triangles=0", 2, "--limit: expected a whole number from 1 on, got '0'"),
+    ("render --limit triangles", 2, "--limit: expected a whole number from 1 on, got ''"),
+    ("render --width 9 --limit picture_side=8", 5, "--width: 9 pixels; at most 8 are allowed (limit picture_side)"),
+    ("render triangle.obj --limit file_bytes=9", 5, "triangle.obj: has 49 bytes; at most 9 are allowed"),
+    ("render --repair --strict", 2, "--strict: not allowed with argument --repair"),
+    ("render broken.obj", 3, "broken.obj: line 5: "),
+    ("render broken.obj --strict", 3, "broken.obj: line 5: "),
+    ("limits stage", 2, "one argument too many: 'stage'"),
 ]
 
 
@@ -163,7 +180,37 @@ def small_frame(scene, camera, plan):
     """Stands in for `render`: a grey picture with one broken pixel."""
     image = jnp.full((plan.height, plan.width, 3), 0.5).at[1, 2].set(jnp.nan)
     empty = jnp.zeros((plan.height, plan.width, 3))
-    return SimpleNamespace(image=image, surface=SimpleNamespace(mask=empty[..., 0] == 0, normal=empty))
+    return SimpleNamespace(
+        image=image, hdr=image * 1000, surface=SimpleNamespace(mask=empty[..., 0] == 0, normal=empty)
+    )
+
+
+def test_light_and_buffers_as_numbers(capsys, monkeypatch, folder):
+    """An EXR holds light and buffers unmapped, by name; a picture's suffix may ask for light, too."""
+    monkeypatch.setattr(sys.modules["jaxraster.render"], "render", small_frame)
+    assert run("render triangle.obj --width 8 --height 4 -o a.hdr --aov normal --exr b.exr") == 0
+    assert capsys.readouterr().out.endswith("wrote b.exr (R, G, B, normal.X, normal.Y, normal.Z)\n")
+    channels = read_exr("b.exr")
+    assert channels.keys() == {"R", "G", "B", "normal.X", "normal.Y", "normal.Z"}
+    assert channels["G"][0, 0] == 500 and np.isnan(channels["G"][1, 2]) and not channels["normal.X"].any()
+    light = read_hdr("a.hdr")
+    assert light[0, 0, 0] == 500 and not light[1, 2].any()
+    assert sorted(path.name for path in folder.glob("[ab].*")) == ["a.hdr", "a.normal.png", "b.exr"]
+
+
+def test_a_repair_is_asked_for_and_counted(capsys, monkeypatch, folder):
+    monkeypatch.setattr(sys.modules["jaxraster.render"], "render", small_frame)
+    assert run("render broken.obj --width 8 --height 4 --repair") == 0
+    assert "warning: broken.obj: dropped 1 of 2 faces: " in capsys.readouterr().err
+
+
+def test_the_limits_are_listed(capsys):
+    """Each by its name, with its number and what it is of; these are what `--limit` takes."""
+    assert run("limits") == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [each.name for each in dataclasses.fields(Limits)]
+    assert [int(line.split()[1]) for line in lines] == [each.default for each in dataclasses.fields(Limits)]
+    assert "--limit NAME=N" in last
 
 
 def test_what_is_said_and_written(capsys, monkeypatch, folder):

@@ -51,8 +51,8 @@ def test_a_file_without_cameras_is_framed(tmp_path, scale):
     sphere = center + radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     seen = project(sphere, camera)
     assert 0.93 < np.abs(seen[:, :2]).max() < 1
-    assert 0 < seen[:, 2].min() < 0.05
-    assert 0.9 < seen[:, 2].max() < 1
+    # Room to walk about: the near plane is a hundredth of the way to the centre, and there is no far one.
+    assert 0.005 < seen[:, 2].min() < seen[:, 2].max() < 0.02
     # It stands in front, above and to the right, level and upright.
     pose = np.asarray(camera.world_from_view)
     azimuth, elevation = math.atan2(pose[0, 2], pose[2, 2]), math.asin(pose[1, 2])
