@@ -17,7 +17,7 @@ import pytest
 import jaxraster
 from jaxraster.cli import main
 from jaxraster.cli.aov import AOVS
-from jaxraster.errors import AssetWarning
+from jaxraster.errors import AssetWarning, Error
 from jaxraster.io.exr import read_exr
 from jaxraster.io.image import read_image
 from jaxraster.io.radiance import read_hdr
@@ -202,6 +202,14 @@ def test_a_repair_is_asked_for_and_counted(capsys, monkeypatch, folder):
     monkeypatch.setattr(sys.modules["jaxraster.render"], "render", small_frame)
     assert run("render broken.obj --width 8 --height 4 --repair") == 0
     assert "warning: broken.obj: dropped 1 of 2 faces: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["cut.gltf", "cut.glb", "empty.gltf", "scene.xyz", "broken.obj", "missing.glb"])
+def test_python_and_the_command_line_say_the_same(name, capsys):
+    with pytest.raises(Error) as caught:
+        jaxraster.load(name)
+    assert run(f"render {name}") == caught.value.code
+    assert capsys.readouterr().err == f"jaxraster: error: {caught.value}\n"
 
 
 def test_the_limits_are_listed(capsys):

@@ -581,7 +581,7 @@ VALID = [
 ]
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=500, deadline=None, derandomize=True)
 @given(
     st.sampled_from(VALID),
     st.lists(st.tuples(st.integers(0, 100) | st.integers(0, 2**16), st.integers(1, 255)), max_size=4),

@@ -453,7 +453,7 @@ def test_read_light_refuses_other_files(tmp_path):
 VALID = [file(newer(noise(6, 40)), 6, 40), file(older(noise(6, 40)), 6, 40), file(flat(noise(6, 5)), 6, 5)]
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=500, deadline=None, derandomize=True)
 @given(st.sampled_from(VALID), st.lists(st.tuples(st.integers(0, 2**16), st.integers(1, 255)), max_size=4), st.data())
 def test_damage_gives_light_or_one_typed_error(read, data, flips, draw):
     broken = bytearray(data)
