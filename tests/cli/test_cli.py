@@ -279,12 +279,16 @@ def test_a_picture_from_anywhere(folder):
     assert images["render.png"][..., :3].std() > 0.1
 
 
+def heed_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def start_on_a_terminal(words: str, **options) -> tuple[subprocess.Popen, int]:
-    """A command whose stderr is a terminal, and our end of that."""
+    """A command whose stderr is a terminal, and our end of that; it takes Ctrl-C even where these tests do not."""
     ours, theirs = pty.openpty()
     start = command(words)
     start.pop("timeout")
-    process = subprocess.Popen(**start, stderr=theirs, **options)
+    process = subprocess.Popen(**start, stderr=theirs, preexec_fn=heed_interrupts, **options)
     os.close(theirs)
     return process, ours
 

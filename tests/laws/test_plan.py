@@ -223,7 +223,7 @@ def test_double_precision_stays_double():
     with jax.enable_x64(True):
         frame = jax.eval_shape(render, *jax.tree.map(widen, (SCENE, CAMERA)), PLAN)
     floats = [leaf.dtype for leaf in jax.tree.leaves(frame) if jnp.issubdtype(leaf.dtype, jnp.floating)]
-    assert set(floats) == {np.dtype(np.float64)} and len(floats) == 19
+    assert set(floats) == {np.dtype(np.float64)} and len(floats) == 20
 
 
 def test_supersampling_is_the_mean_of_the_larger_picture_s_light():
