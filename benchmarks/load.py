@@ -1,4 +1,4 @@
-"""How long a file takes to load, with its pictures decoded and without: `python -m benchmarks.load [FILE ...]`."""
+"""How long a file takes to load, with its pictures decoded and without: `python -m benchmarks.load FILE ...`."""
 
 import argparse
 import time
@@ -22,7 +22,7 @@ def seconds(file: str, runs: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("files", nargs="*", default=["../shared/assets/FlightHelmet/FlightHelmet.gltf"])
+    parser.add_argument("files", nargs="+", metavar="FILE")
     parser.add_argument("--runs", type=int, default=3)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")

@@ -43,7 +43,9 @@ def fit(where: str, value: Any, annotation: Any, sizes: dict[str, int] | None = 
     extra = len(value.shape) - len(axes)
     shape = value.shape[max(extra, 0) :]
     fits = all(size == (int(axis) if axis.isdigit() else sizes.get(axis, size)) for axis, size in zip(axes, shape))
-    if extra > 0 and fits and not (batched and "*" in annotation.dim_str):
+    if extra > 0 and fits and batched and "*" not in annotation.dim_str:
+        raise ValueError(f"{wanted}, {got}; a batch shares it: stack float leaves alone")
+    if extra > 0 and fits and not batched:
         raise ValueError(f"{wanted}, {got}; map over a batch with jax.vmap")
     if extra < 0 or not fits:
         raise ValueError(f"{wanted}, {got}")

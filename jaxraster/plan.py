@@ -4,6 +4,9 @@ A Plan's treedef (sizes, names, which effects there are) keys compilation; its l
 traced. Turning a knob compiles nothing; an effect that is None leaves nothing in the program.
 """
 
+import jax
+import jax.numpy as jnp
+
 from .check import fit_knobs
 from .display.dither import Dither
 from .display.tonemap import TONEMAPS
@@ -59,13 +62,13 @@ class Plan:
         for name, kind in EFFECTS.items():
             if not isinstance(getattr(self, name), kind | None):
                 raise ValueError(f"Plan.{name} must be None or {kind.__name__}(...), got {getattr(self, name)!r}")
-        if isinstance(self.exposure, str | bool | None):
-            raise ValueError(f"Plan.exposure must be a number, got {self.exposure!r}")
         for name, known in (("shading", SHADINGS), ("tonemap", tuple(TONEMAPS))):
             if getattr(self, name) not in known:
                 raise ValueError(f"Plan.{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
         for name, known in (("texture_slots", TEXTURE_SLOTS), ("light_kinds", LIGHT_KINDS)):
             names = getattr(self, name)
+            if not isinstance(names, tuple):
+                raise ValueError(f"Plan.{name} must be a tuple of names, got {names!r}")
             if unknown := set(names) - set(known):
                 raise ValueError(f"Plan.{name} may hold {', '.join(known)}, got {', '.join(sorted(map(str, unknown)))}")
             if twice := {one for one in names if names.count(one) > 1}:
@@ -74,7 +77,9 @@ class Plan:
             raise ValueError('Plan.shadow_map must be None where Plan.shading is "local", which has no visibility term')
 
 
-def check_inputs(scene: Scene, camera: Camera, plan: Plan) -> None:
-    """Raise one line for what cannot be rendered; see `check_scene`."""
+def as_arrays(scene: Scene, camera: Camera, plan: Plan) -> tuple[Scene, Camera]:
+    """Scene and camera as JAX arrays, the camera in the precision of the mesh; or one line for what has no picture."""
     check_scene(scene, camera)
     fit_knobs("plan", plan, Plan)
+    scene = jax.tree.map(jnp.asarray, scene)
+    return scene, jax.tree.map(lambda matrix: jnp.asarray(matrix, scene.mesh.vertices.dtype), camera)

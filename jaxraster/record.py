@@ -59,6 +59,8 @@ def record(cls: type[T]) -> type[T]:
                         f"{cls.__name__}.{field.name} is static: expected int, str, bool or a tuple of these, "
                         f"got {', '.join(sorted(strangers))}"
                     )
+            elif field.type == Scalar and (value is None or isinstance(value, bool | str)):
+                raise TypeError(f"{cls.__name__}.{field.name} must be a number, got {value!r}")
             elif type(value) is int:
                 object.__setattr__(self, field.name, float(value))
         validate(self)

@@ -18,7 +18,7 @@ from .light.background import background
 from .light.emission import emission
 from .light.punctual import punctual
 from .light.shadow_map import shadow_map
-from .plan import Plan, check_inputs
+from .plan import Plan, as_arrays
 from .resolve import resolve
 from .scene import Camera, Scene
 from .surface.gather import gather
@@ -35,16 +35,15 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     Under jit return what is needed: the rest is dead code. Map over batches: `vmap(render, in_axes=(None, 0, None))`.
 
     Gradient: exact in everything that shades a visible point; 0 through coverage, the depth test and shadows."""
-    check_inputs(scene, camera, plan)
+    scene, camera = as_arrays(scene, camera, plan)
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
     def effect(function, settings, *inputs, otherwise=None, **sizes) -> Any:
         with jax.named_scope(function.__name__) if settings is not None else nullcontext():
             return otherwise if settings is None else function(*inputs, settings, **sizes)
 
-    # Find the triangle that each pixel sees, in the precision of the mesh.
+    # Find the triangle that each pixel sees.
     mesh, single_sided = scene.mesh, ~scene.materials.double_sided[scene.mesh.material]
-    camera = jax.tree.map(lambda matrix: matrix.astype(mesh.vertices.dtype), camera)
     with jax.named_scope("visibility"):
         clip = project(mesh.vertices, camera, **size)
         visibility = rasterize(clip, mesh.faces, cull=single_sided if plan.cull else None, **size)

@@ -62,8 +62,8 @@ class Materials:
     occlusion_texture: Int[Array, " m"]
     emissive_texture: Int[Array, " m"]
     double_sided: Bool[Array, " m"]
-    uv_sets: Int[Array, "m slots"] | None = None
-    uv_transforms: Float[Array, "*b m slots 2 3"] | None = None
+    uv_sets: Int[Array, "m 5"] | None = None
+    uv_transforms: Float[Array, "*b m 5 2 3"] | None = None
     ior: Float[Array, "*b m"] | None = None
     specular: Float[Array, "*b m 4"] | None = None
     unlit: Bool[Array, " m"] | None = None
@@ -173,6 +173,10 @@ def check_scene(scene: Scene, camera: Camera, *, batched: bool = False) -> None:
     fit_record("camera", camera, Camera, batched=batched)
     below("scene.mesh.faces", scene.mesh.faces, scene.mesh.vertices.shape[-2], "vertices")
     below("scene.mesh.material", scene.mesh.material, scene.materials.double_sided.shape[0], "materials")
+    if scene.materials.uv_sets is not None:
+        below("scene.materials.uv_sets", scene.materials.uv_sets, 2, "sets of uvs")
+        if scene.mesh.second_uvs is None:
+            raise ValueError("scene.materials.uv_sets needs scene.mesh.second_uvs, which is None")
     for slot in TEXTURE_SLOTS:
         rows, count = getattr(scene.materials, f"{slot}_texture"), scene.textures.levels.shape[0]
         below(f"scene.materials.{slot}_texture", rows, count, "textures", least=-1)
@@ -201,14 +205,14 @@ def _halve(image: np.ndarray) -> np.ndarray:
     return image.astype(np.float32)
 
 
-def _codes(name: str, rows: Sequence | None, default: tuple[int, ...], count: int) -> list[tuple[int, ...]]:
-    """A row of codes 0, 1, 2 for each of `count` images, the default where none are given."""
-    if rows is None or len(rows) == 0:
-        return [default] * count
-    rows = [tuple(row) for row in rows]
-    if len(rows) != count or any(len(row) != len(default) or not {*row} <= {0, 1, 2} for row in rows):
-        each = f"{len(default)} of 0, 1, 2 for each of {count} images"
-        raise ValueError(f"pack_textures: {name} must hold {each}, got {rows}")
+def _codes(name: str, given: Sequence | None, most: tuple[int, ...], default: int, count: int) -> list[tuple[int, ...]]:
+    """A row of codes, each from 0 to its most, for each of `count` images; the default where none are given."""
+    if given is None or len(given) == 0:
+        return [(default,) * len(most)] * count
+    rows = [tuple(np.ravel(row).tolist()) for row in given]
+    if len(rows) != count or any(len(r) != len(most) or any(not 0 <= c <= m for c, m in zip(r, most)) for r in rows):
+        each = f"a row of {len(most)} codes, from 0 to {most}, for each of {count} images"
+        raise ValueError(f"pack_textures: {name} must hold {each}, got {given}")
     return rows
 
 
@@ -232,9 +236,8 @@ def pack_textures(
         if 0 in image.shape:
             raise ValueError(f"pack_textures: images[{i}] has no texels, its shape is {list(image.shape)}")
     images = [np.asarray(image, np.float32) for image in images] or [np.ones((1, 1, 4), np.float32)]
-    wraps = _codes("wrap", wrap, (REPEAT, REPEAT), len(images))
-    trilinear = (LINEAR, LINEAR, LINEAR)
-    rules = _codes("filters", filters, trilinear, len(images))
+    wraps = _codes("wrap", wrap, (MIRROR, MIRROR), REPEAT, len(images))
+    rules = _codes("filters", filters, (LINEAR, LINEAR, FIRST), LINEAR, len(images))
     texels, levels, offset = [], [], 0
     for image in images:
         rows = []
@@ -252,5 +255,5 @@ def pack_textures(
         texels=jnp.asarray(np.concatenate(texels)),
         levels=jnp.asarray(np.array(table, np.int32)),
         wrap=jnp.asarray(np.array(wraps, np.int32)),
-        filters=None if {*rules} == {trilinear} else jnp.asarray(np.array(rules, np.int32)),
+        filters=None if {*rules} == {(LINEAR, LINEAR, LINEAR)} else jnp.asarray(np.array(rules, np.int32)),
     )

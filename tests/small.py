@@ -15,6 +15,7 @@ import numpy as np
 from jaxraster.geometry import shapes
 from jaxraster.scene import Camera, Scene, pack_textures
 from jaxraster.scenes import parts
+from jaxraster.stack import stack_lights, stack_materials
 from jaxraster.visibility import raster
 
 WIDTH, HEIGHT = 24, 16
@@ -48,9 +49,9 @@ def scene(rows=({},) * 5, places=None, directional=(), point=(), spot=(), sky=0.
     spot = [*spot, *[((0.0, 3.0, 0.0), aim, 0.0)] * 2][:2]
     return Scene(
         mesh=mesh,
-        materials=parts.materials(*({"roughness": 0.6, "base_color": (0.7, 0.5, 0.4), **row} for row in rows)),
+        materials=stack_materials([{"roughness": 0.6, "base_color": (0.7, 0.5, 0.4), **row} for row in rows]),
         textures=pack_textures([COLOURS, SLOPES]),
-        lights=parts.lights(
+        lights=stack_lights(
             directional=[(d, strength * tint) for d, strength in directional],
             point=[(p, strength * tint, np.inf) for p, strength in point],
             spot=[(p, d, strength * tint, 9.0, 0.3, 0.8) for p, d, strength in spot],

@@ -21,7 +21,7 @@ from .distribution import ggx
 from .fresnel import schlick
 from .masking import smith_correlated
 
-# A normal map can turn a visible pixel's normal away from the viewer: V stays bounded (Filament's floor for n·v).
+# Normals of `render` face the viewer by more than this; it bounds V for those who call with normals that do not.
 MIN_N_DOT_V = 1e-4
 
 

@@ -161,6 +161,10 @@ def picture(name: str, mask, buffer, plan) -> tuple[np.ndarray, str]:
 
 
 def channels(name: str, mask, buffer) -> dict[str, np.ndarray]:
-    """A picked buffer as named channels of plain numbers, `normal.X` and so on; 0 where nothing is."""
-    values = np.where(np.asarray(mask)[..., None], np.asarray(buffer), 0)
+    """A picked buffer as named float channels, `normal.X` and so on; 0 where nothing is, -1 for faces.
+
+    Face ids are exact up to 2²⁴.
+    """
+    values = np.asarray(buffer).astype(np.float32)
+    values = values if name == "face" else np.where(np.asarray(mask)[..., None], values, np.float32(0))
     return {f"{name}.{letter}": values[..., i] for i, letter in enumerate(AOVS[name].channels)}

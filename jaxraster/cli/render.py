@@ -10,7 +10,7 @@ import pathlib
 import time
 from collections.abc import Iterator
 
-from ..errors import InputError, UsageError
+from ..errors import InputError, OutputError, UsageError
 from .arguments import choose, direction, finite, guess, limit, names, whole
 from .terminal import complain, interruptible, progress, say
 
@@ -90,10 +90,15 @@ def _check(arguments: argparse.Namespace) -> None:
     if (samples := width * height * n * n) > limits.picture_samples:
         asked = f"{width} x {height} pixels with {n} x {n} samples are {samples} samples"
         exceed("picture_samples", limits.picture_samples, None, "", asked)
-    if arguments.exr:
-        check_exr(arguments.exr)
-    for path in (arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)):
+    paths = [arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)]
+    for path in paths:
         check_save(path)
+    if arguments.exr:
+        if not arguments.exr.lower().endswith(".exr"):
+            raise OutputError(arguments.exr, "", "--exr writes OpenEXR; end the name with .exr")
+        if os.path.realpath(arguments.exr) in map(os.path.realpath, paths):
+            raise OutputError(arguments.exr, "", "would hold the picture and --exr both; choose another name for one")
+        check_exr(arguments.exr)
 
 
 def _aov_path(output: str, name: str) -> str:
@@ -108,9 +113,9 @@ def _load(arguments: argparse.Namespace):
 
     name = arguments.scene
     if name in SCENES:
-        for option, value in (("--camera", arguments.camera), ("--light-direction", arguments.light_direction)):
-            if value is not None:
-                raise UsageError(None, option, f"is for files; the built-in scene {name!r} has its own")
+        for option in ("camera", "light_direction", "repair", "strict"):
+            if getattr(arguments, option) not in (None, False):
+                raise UsageError(None, f"--{option.replace('_', '-')}", f"is for files; {name!r} is built in")
         return SCENES[name]()
     if not os.path.exists(name) and not os.path.splitext(name)[1]:
         raise InputError(name, "", f"neither a file nor a built-in scene{guess(name, SCENES)}")

@@ -1,6 +1,5 @@
 """What every reader of files returns, and how its parts are put together."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -10,18 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from ..geometry.normals import vertex_normals, vertex_tangents
 from ..math.transform import frame
-from ..scene import (
-    OPAQUE,
-    TEXTURE_SLOTS,
-    Camera,
-    Directional,
-    Lights,
-    Materials,
-    Mesh,
-    Point,
-    Spot,
-    Textures,
-)
+from ..scene import TEXTURE_SLOTS, Camera, Lights, Materials, Mesh, Textures
 from .reading import Limits, exceed
 
 # Of coordinates and light alike: a tenth of √FLT_MAX, so that sums of products of two are float32; the rasterizer skips
@@ -118,58 +106,3 @@ def join_pieces(pieces: list[Piece], materials: Materials, file: str, limits: Li
         second_uvs=_join_optional(pieces, "second_uvs", (0.0, 0.0)),
         colors=_join_optional(pieces, "colors", (1.0, 1.0, 1.0, 1.0)),
     )
-
-
-DEFAULT_MATERIAL = {
-    "base_color": (1.0, 1.0, 1.0, 1.0),
-    "metallic": 0.0,
-    "roughness": 0.5,
-    "emissive": (0.0, 0.0, 0.0),
-    "normal_scale": 1.0,
-    "occlusion_strength": 1.0,
-    "base_color_texture": -1,
-    "metallic_roughness_texture": -1,
-    "normal_texture": -1,
-    "occlusion_texture": -1,
-    "emissive_texture": -1,
-    "double_sided": False,
-}
-UNMAPPED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # uvs as they are
-# What is None in `Materials` unless some row has it.
-RARE = {
-    "uv_sets": (0,) * len(TEXTURE_SLOTS),
-    "uv_transforms": (UNMAPPED,) * len(TEXTURE_SLOTS),
-    "ior": 1.5,
-    "specular": (1.0, 1.0, 1.0, 1.0),
-    "unlit": False,
-    "alpha_mode": OPAQUE,
-    "alpha_cutoff": 0.5,
-    "clearcoat": (0.0, 0.0),
-    "sheen": (0.0, 0.0, 0.0, 0.0),
-}
-
-
-def stack_materials(rows: list[dict]) -> Materials:
-    """`Materials` of one dict a row, which names what differs from a smooth white dielectric."""
-    rare = {name: default for name, default in RARE.items() if any(row.get(name, default) != default for row in rows)}
-    kinds = {"f": np.float32, "i": np.int32, "b": np.bool_}
-    columns = {
-        name: jnp.asarray(np.array([row.get(name, default) for row in rows], kinds[np.array(default).dtype.kind]))
-        for name, default in (DEFAULT_MATERIAL | rare).items()
-    }
-    return Materials(**columns)
-
-
-def stack_lights(directional: Sequence[tuple] = (), point: Sequence[tuple] = (), spot: Sequence[tuple] = ()) -> Lights:
-    """`Lights` of one tuple a light, its fields in the order of `Directional`, `Point` and `Spot`."""
-
-    def columns(rows, *widths):
-        fields = zip(*rows) if rows else [()] * len(widths)
-        return [floats(list(field), *((-1, 3) if width == 3 else (-1,))) for field, width in zip(fields, widths)]
-
-    direction, irradiance = columns(directional, 3, 3)
-    position, intensity, reach = columns(point, 3, 3, 1)
-    points = Point(position=position, intensity=intensity, range=reach)
-    position, axis, intensity, reach, inner, outer = columns(spot, 3, 3, 3, 1, 1, 1)
-    spots = Spot(position=position, direction=axis, intensity=intensity, range=reach, inner=inner, outer=outer)
-    return Lights(directional=Directional(direction=direction, irradiance=irradiance), point=points, spot=spots)

@@ -32,7 +32,7 @@ def read_file(path: Path, limits: Limits = DEFAULT) -> bytes:
     except (OSError, ValueError) as error:
         raise InputError(path, "", f"cannot be read: {_reason(error)}; check the path and its permissions") from error
     if not data:
-        raise InputError(path, "", "is empty")
+        raise InputError(path, "", "is empty; export or copy it again")
     return data
 
 

@@ -33,7 +33,7 @@ def _package(path: Path, error: type[Error]) -> ModuleType:
     try:
         return importlib.import_module("OpenEXR")
     except ImportError:
-        raise error(path, "", "EXR needs the package OpenEXR; pip install 'jaxraster[exr]'") from None
+        raise error(path, "", "EXR needs the package OpenEXR; pip install OpenEXR") from None
 
 
 def _window(header: Mapping[str, Any], name: str) -> tuple[slice, slice]:

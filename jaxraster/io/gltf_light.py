@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 
 from ..math.transform import orthographic, perspective
 from ..scene import Camera, Lights
-from .asset import LARGEST, floats, stack_lights
+from ..stack import stack_lights
+from .asset import LARGEST, floats
 from .gltf_node import Matrix
 from .pointer import Json, fail, member, number, numbers, reference, rows, table
 

@@ -5,7 +5,8 @@ _ior, _unlit, _specular, _clearcoat and _sheen.
 """
 
 from ..scene import BLEND, MASK, OPAQUE, TEXTURE_SLOTS, Materials, Textures
-from .asset import LARGEST, stack_materials
+from ..stack import stack_materials
+from .asset import LARGEST
 from .gltf_container import Document
 from .gltf_texture import TextureTable
 from .pointer import Json, fail, member, number, numbers, rows, table

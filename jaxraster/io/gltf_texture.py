@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..errors import Error
 from ..scene import CLAMP, FIRST, LINEAR, MIRROR, NEAREST, REPEAT, Textures, pack_textures
-from .asset import UNMAPPED
+from ..stack import UNMAPPED
 from .gltf_accessor import read_view
 from .gltf_container import Document, read_uri
 from .image import read_image, srgb_to_linear

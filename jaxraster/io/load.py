@@ -54,7 +54,10 @@ def load(
 
     cameras = asset.cameras or (frame_camera(asset.mesh),)
     if not 0 <= camera < len(cameras):
-        raise UsageError(file, "", f"camera {camera} is not there; the file has {len(asset.cameras)}, counted from 0")
+        has = (
+            f"the file has {len(asset.cameras)}, counted from 0" if asset.cameras else "the file has none; leave it out"
+        )
+        raise UsageError(file, "", f"camera {camera} is not there; {has}")
     view = cameras[camera]
     if light_direction is None and asset.lights is not None:
         lights, environment = asset.lights, sky(0.0)

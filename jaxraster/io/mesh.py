@@ -11,7 +11,8 @@ from jaxtyping import Int
 
 from ..errors import InputError
 from ..scene import pack_textures
-from .asset import LARGEST, Asset, Piece, join_pieces, stack_materials, unit
+from ..stack import stack_materials
+from .asset import LARGEST, Asset, Piece, join_pieces, unit
 from .disk import Path, read_file
 from .obj import GREY, WHITE, Polygons, decode, read_obj, read_off, to_linear
 from .reading import Reading, exceed
@@ -159,6 +160,8 @@ def read_mesh(path: Path, reading: Reading | None = None) -> Asset:
     # These formats count v up from the bottom of the image.
     uvs = uvs * (1, -1) + (0, 1)
     piece = Piece(raw.vertices, unit(normals), no_tangents, uvs, faces, raw.material[owner], colors=raw.colors)
-    materials = stack_materials([{"base_color": (*color, 1.0), "double_sided": True} for color in raw.palette])
+    materials = stack_materials(
+        [{"base_color": color, "roughness": 0.5, "double_sided": True} for color in raw.palette]
+    )
     mesh = join_pieces([piece], materials, file, reading.limits)
     return Asset(mesh, materials, pack_textures([]), None, (), reading.notes())

@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from ..math.transform import orbit, perspective
 from ..scene import Camera, Environment, Lights, Mesh
-from .asset import floats, stack_lights
+from ..stack import stack_lights
+from .asset import floats
 
 AZIMUTH, ELEVATION, FOV_Y = 0.5, 0.25, math.radians(40)  # rad: a three-quarter view from slightly above
 MARGIN = 1.05  # of the sphere's radius, so that it does not touch the picture's edge
@@ -34,7 +35,7 @@ def frame_camera(mesh: Mesh) -> Camera:
 
 def key_light(direction: Float[np.ndarray, "3"]) -> Lights:
     """One warm directional light that travels along `direction`, of any length but 0."""
-    return stack_lights(directional=[(direction / np.linalg.norm(direction), KEY)])
+    return stack_lights(directional=[(direction, KEY)])
 
 
 def key_direction(camera: Camera) -> Float[np.ndarray, "3"]:

@@ -1,6 +1,7 @@
 """Light that surfaces give off themselves.
 
-Radiance in cd/m², the same in all directions; it lights nothing else. Does not affect: direct and ambient light.
+Radiance in cd/m², the same in all directions; it lights nothing else. Unlit materials show their base colour this way,
+so without the effect they are black. Does not affect: direct and ambient light.
 
 Gradient: exact.
 Source: glTF 2.0 specification, 3.9.3; KHR_materials_emissive_strength.

@@ -10,12 +10,13 @@ that is infinite.
 Source: KHR_lights_punctual.
 """
 
+import functools
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..buffers import Surface
 from ..math import safe
@@ -60,12 +61,13 @@ def spot(surface: Surface, light: Spot) -> Arriving:
 KINDS = {"directional": directional, "point": point, "spot": spot}
 
 
+@functools.partial(jax.jit, static_argnames=("kinds", "brdf"))
 def punctual(
     surface: Surface,
     lights: Lights,
     kinds: tuple[str, ...],
     brdf: Callable[[Surface, Float[Array, "*b 3"]], tuple],
-    shadow: tuple[int, Float[Array, "*b"]] | None = None,
+    shadow: tuple[int | Int[Array, ""], Float[Array, "*b"]] | None = None,
 ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
     """Diffuse and specular radiance from all lights of the given kinds, summed one light at a time.
 

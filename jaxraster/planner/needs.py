@@ -5,6 +5,7 @@ everything on. Under `wrt` no rule drops an effect for the *value* of a leaf tha
 factor of zero still has a gradient. Gradient: none; plans are made outside of `jit`.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -84,7 +85,7 @@ def _texture_slot(facts: _Facts, slot: str, ambient: bool) -> Reason:
     if not textured.any():
         return Reason(False, "no material in use has such a texture")
     # Keep any normal map: flattened by a scale of 0 it still turns normals where its blue is below one half.
-    matter = np.any([facts.material(name) for name in factors], axis=0) if factors else textured
+    matter = functools.reduce(np.logical_or, (facts.material(name) for name in factors)) if factors else textured
     if not (matter & textured).any():
         return Reason(False, f"every such texture is multiplied by {' and '.join(factors)} of zero")
     if slot == "occlusion" and not ambient:
@@ -102,6 +103,8 @@ def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | N
     if shading == "local":
         return None, Reason(False, "local shading has no visibility of lights")
     lights, shining = facts.scene.lights.directional, facts.light("directional")
+    # Light without a direction shines on nothing.
+    shining = shining & (lights.direction != 0).any(axis=-1)
     shining = np.atleast_1d(shining.any(axis=tuple(range(shining.ndim - 1))))
     if not shining.any():
         return None, Reason(False, "no directional light shines, and other kinds cast no shadow yet")

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..scene import Camera, Mesh, Scene, pack_textures
-from .parts import camera, environment, lights, materials
+from ..stack import stack_lights, stack_materials
+from .parts import camera, environment
 
 # The measured box, in its own units (mm): quads counter-clockwise from inside, blocks by their top corners seen from
 # above. Source: Cornell University Program of Computer Graphics, "Cornell Box Data".
@@ -81,14 +82,16 @@ def cornell_box(spot: bool = True) -> tuple[Scene, Camera]:
     lamps = [(below, (0.0, -1.0, 0.0), np.array(_RADIANCE) * sides.prod(), np.inf, np.arccos(0.75), 0.5 * np.pi)]
     scene = Scene(
         mesh=_quads(quads, [white] * len(whites) + [green, red, lamp]),
-        materials=materials(
-            {"base_color": _WHITE},
-            {"base_color": _GREEN},
-            {"base_color": _RED},
-            {"base_color": (0.0, 0.0, 0.0), "emissive": _RADIANCE},
+        materials=stack_materials(
+            [
+                {"base_color": _WHITE},
+                {"base_color": _GREEN},
+                {"base_color": _RED},
+                {"base_color": (0.0, 0.0, 0.0), "emissive": _RADIANCE},
+            ]
         ),
         textures=pack_textures([]),
-        lights=lights(spot=lamps if spot else []),
+        lights=stack_lights(spot=lamps if spot else []),
         environment=environment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
     )
     # The measured camera: 35 mm before a film of 25 mm, level, towards +Z.

@@ -4,7 +4,8 @@ import numpy as np
 
 from ..geometry import shapes
 from ..scene import Camera, Scene, pack_textures
-from .parts import GOLD, at, camera, environment, lights, materials
+from ..stack import stack_lights, stack_materials
+from .parts import GOLD, at, camera, environment
 
 
 def material_grid(columns: int = 7, rows: int = 5) -> tuple[Scene, Camera]:
@@ -17,13 +18,13 @@ def material_grid(columns: int = 7, rows: int = 5) -> tuple[Scene, Camera]:
         for i in range(rows * columns)
     ]
     wall = at(shapes.plane(4.0 * columns, 4.0 * rows), 0.0, 0.0, -0.5, rows * columns, pitch=90.0)
-    lamps = lights(
+    lamps = stack_lights(
         directional=[((-0.35, -0.5, -0.8), (1.7, 1.66, 1.6))],
         point=[((-0.5 * columns, 0.5 * rows, 3.0), (7.0, 7.5, 9.0), np.inf)],
     )
     scene = Scene(
         mesh=shapes.merge([*parts, wall]),
-        materials=materials(*balls, {"base_color": (0.32, 0.32, 0.33)}),
+        materials=stack_materials([*balls, {"base_color": (0.32, 0.32, 0.33)}]),
         textures=pack_textures([]),
         lights=lamps,
         environment=environment((0.62, 0.63, 0.65), (0.24, 0.22, 0.20)),

@@ -1,4 +1,4 @@
-"""What scenes are put together from: rows of materials and lights, placed meshes, a camera.
+"""What scenes are put together from: placed meshes, an environment, a camera.
 
 All of it runs on the host: building a scene compiles next to nothing.
 """
@@ -11,53 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..math.transform import look_at, perspective
-from ..scene import (
-    TEXTURE_SLOTS,
-    Camera,
-    Directional,
-    Environment,
-    Lights,
-    Materials,
-    Mesh,
-    Point,
-    Spot,
-)
+from ..scene import Camera, Environment, Mesh
 
 # Reflectance at normal incidence of gold, linear. Source: Lagarde 2011, "Feeding a physically based shading model".
 GOLD = (1.0, 0.765557, 0.336057)
-
-
-def materials(*rows: dict) -> Materials:
-    """Rough white dielectrics without textures, but for what each row says."""
-    floats = {"metallic": 0.0, "roughness": 1.0, "normal_scale": 1.0, "occlusion_strength": 1.0}
-    floats |= {"base_color": (1.0, 1.0, 1.0), "emissive": (0.0, 0.0, 0.0)}
-
-    def column(name, default, dtype):
-        return jnp.asarray(np.array([row.get(name, default) for row in rows], dtype))
-
-    columns = {name: column(name, default, np.float32) for name, default in floats.items()}
-    columns["base_color"] = jnp.concatenate([columns["base_color"], jnp.ones((len(rows), 1), jnp.float32)], axis=1)
-    textures = {f"{slot}_texture": column(f"{slot}_texture", -1, np.int32) for slot in TEXTURE_SLOTS}
-    return Materials(**columns, **textures, double_sided=column("double_sided", False, bool))
-
-
-def lights(directional: Sequence = (), point: Sequence = (), spot: Sequence = ()) -> Lights:
-    """Lights from rows in the order of each kind's fields; directions need not be unit."""
-
-    def columns(kind, rows, **sizes):
-        values = {}
-        for i, (name, size) in enumerate(sizes.items()):
-            value = np.array([row[i] for row in rows], np.float64).reshape(-1, *([3] * size))
-            if name == "direction":
-                value = value / np.linalg.norm(value, axis=1, keepdims=True)
-            values[name] = jnp.asarray(value.astype(np.float32))
-        return kind(**values)
-
-    return Lights(
-        directional=columns(Directional, directional, direction=1, irradiance=1),
-        point=columns(Point, point, position=1, intensity=1, range=0),
-        spot=columns(Spot, spot, position=1, direction=1, intensity=1, range=0, inner=0, outer=0),
-    )
 
 
 def environment(sky: Sequence[float], ground: Sequence[float]) -> Environment:

@@ -4,7 +4,8 @@ import numpy as np
 
 from ..geometry import shapes
 from ..scene import Camera, Mesh, Scene, pack_textures
-from .parts import GOLD, at, camera, environment, lights, materials, tiled
+from ..stack import stack_lights, stack_materials
+from .parts import GOLD, at, camera, environment, tiled
 from .patterns import planks, weave
 
 
@@ -30,14 +31,16 @@ def stage() -> tuple[Scene, Camera]:
     Exercises shadows on all sides, a metal and dielectrics, texture (planks), normal map (weave) and ambient light.
     """
     floor, white, red, wood, fabric, gold, plastic = range(7)
-    matter = materials(
-        {"base_color_texture": 0, "roughness": 0.45},
-        {"base_color": (0.76, 0.74, 0.70), "roughness": 0.9},
-        {"base_color": (0.45, 0.04, 0.03), "roughness": 0.8},
-        {"base_color": (0.30, 0.13, 0.055), "roughness": 0.4},
-        {"base_color": (0.50, 0.46, 0.38), "roughness": 0.9, "normal_texture": 1},
-        {"base_color": GOLD, "metallic": 1.0, "roughness": 0.3},
-        {"base_color": (0.02, 0.17, 0.36), "roughness": 0.12},
+    matter = stack_materials(
+        [
+            {"base_color_texture": 0, "roughness": 0.45},
+            {"base_color": (0.76, 0.74, 0.70), "roughness": 0.9},
+            {"base_color": (0.45, 0.04, 0.03), "roughness": 0.8},
+            {"base_color": (0.30, 0.13, 0.055), "roughness": 0.4},
+            {"base_color": (0.50, 0.46, 0.38), "roughness": 0.9, "normal_texture": 1},
+            {"base_color": GOLD, "metallic": 1.0, "roughness": 0.3},
+            {"base_color": (0.02, 0.17, 0.36), "roughness": 0.12},
+        ]
     )
     mesh = shapes.merge(
         [
@@ -55,7 +58,7 @@ def stage() -> tuple[Scene, Camera]:
         mesh=mesh,
         materials=matter,
         textures=pack_textures([planks(), weave()]),
-        lights=lights(directional=[((-0.78, -0.52, -0.50), (3.4, 3.2, 2.9))]),
+        lights=stack_lights(directional=[((-0.78, -0.52, -0.50), (3.4, 3.2, 2.9))]),
         environment=environment((0.60, 0.56, 0.50), (0.28, 0.20, 0.13)),
     )
     return scene, camera((1.05, 1.0, 2.45), (-0.02, 0.40, 0.0), 32.0)

@@ -12,7 +12,7 @@ from ..geometry.normals import face_normals
 from ..math import safe
 from ..math.table import fetch
 from ..record import record
-from ..scene import CLAMP, Camera, Scene
+from ..scene import CLAMP, TEXTURE_SLOTS, Camera, Scene
 from ..visibility.barycentric import combine, interpolate, rows, spread
 
 
@@ -41,18 +41,16 @@ def _uvs_near_origin(uvs: Float[Array, "v 2"], scene: Scene) -> Float[Array, "f 
     """Corner uvs per face, less an even whole number where the material's textures all repeat or mirror there.
 
     Far from the origin float32 has no bits left between texels; the shift changes no texel that is fetched. Uvs that
-    are mapped before they are looked up stay, for whole numbers need not be whole afterwards.
+    may be mapped before they are looked up stay: whole numbers need not be whole then, and the map has a gradient.
     """
     materials, corners = scene.materials, uvs[scene.mesh.faces]
-    slots = [getattr(materials, f"{slot}_texture") for slot in ("base_color", "metallic_roughness", "normal")]
-    slots += [materials.occlusion_texture, materials.emissive_texture]
-    clamps = [(scene.textures.wrap[jnp.maximum(slot, 0)] == CLAMP) & (slot >= 0)[:, None] for slot in slots]
-    fixed = jnp.any(jnp.stack(clamps), axis=0)
     if materials.uv_transforms is not None:
-        unmapped = jnp.broadcast_to(jnp.eye(2, 3), materials.uv_transforms.shape)
-        fixed |= jnp.any(materials.uv_transforms != unmapped, axis=(1, 2, 3))[:, None]
+        return corners.reshape(-1, 6)
+    slots = [getattr(materials, f"{slot}_texture") for slot in TEXTURE_SLOTS]
+    clamps = [(scene.textures.wrap[jnp.maximum(slot, 0)] == CLAMP) & (slot >= 0)[:, None] for slot in slots]
+    clamped = jnp.any(jnp.stack(clamps), axis=0)[scene.mesh.material]
     shift = 2.0 * jnp.floor(0.5 * jnp.min(lax.stop_gradient(corners), axis=1))
-    shift = jnp.where(fixed[scene.mesh.material] | ~jnp.isfinite(shift), 0.0, shift)
+    shift = jnp.where(clamped | ~jnp.isfinite(shift), 0.0, shift)
     return (corners - shift[:, None, :]).reshape(-1, 6)
 
 

@@ -5,12 +5,15 @@ mixed by m between a dielectric's and (base, 1), and alpha = r². A dielectric o
 on, 0.04 for n = 1.5, times its specular colour, at most 1, and weight; at grazing angles it mirrors the weight.
 Linear Rec.709.
 
-Gradient: exact in factors and texels; roughness below 0.045 is raised to it and has none.
+Gradient: exact in factors and texels, halved where a specular colour reaches 1; roughness below 0.045 is raised to it
+and has none.
 Source: glTF 2.0 specification, appendix B; KHR_materials_ior, _specular, _unlit and KHR_texture_transform.
 """
 
+import functools
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
@@ -21,7 +24,7 @@ from ..math.table import fetch
 from ..scene import TEXTURE_SLOTS, Materials, Textures
 from .gather import Fragment
 from .normal_map import normal_map
-from .texture import texture
+from .texture import lookup
 
 DIELECTRIC_F0 = 0.04  # ((n - 1) / (n + 1))² of n = 1.5
 # Below this a highlight is narrower than float32's unit vectors resolve (D(0) = 8e4); Filament's floor as well.
@@ -51,7 +54,7 @@ def metallic_roughness(
 
 
 def face_viewer(normal: Float[Array, "*b 3"], view: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
-    """The unit normal, bent the least that makes n·v at least 1e-3.
+    """The unit normal, bent towards the viewer until n·v is at least 1e-3.
 
     Interpolation and normal maps turn the normals of visible pixels away from the viewer; their mirror directions
     would point into the surface. Gradient: exact.
@@ -76,16 +79,17 @@ def _place(fragment: Fragment, materials: Materials, slot: str):
     return uv, footprint
 
 
+@functools.partial(jax.jit, static_argnames="slots")
 def _fetch_textures(fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...]) -> dict:
     """RGBA of each slot's texture at every pixel: one loop over the slots, so that the lookup is compiled once."""
     if not slots:
         return {}
-    index = jnp.stack([fetch(getattr(materials, f"{slot}_texture"), fragment.material) for slot in slots])
+    index = [fetch(getattr(materials, f"{slot}_texture"), fragment.material).astype(jnp.int32) for slot in slots]
     if materials.uv_sets is None and materials.uv_transforms is None:
-        values = lax.map(lambda row: texture(textures, row, fragment.uv, fragment.footprint), index)
+        values = lax.map(lambda row: lookup(textures, row, fragment.uv, fragment.footprint), jnp.stack(index))
     else:
         uv, footprint = (jnp.stack(each) for each in zip(*(_place(fragment, materials, slot) for slot in slots)))
-        values = lax.map(lambda place: texture(textures, *place), (index, uv, footprint))
+        values = lax.map(lambda place: lookup(textures, *place), (jnp.stack(index), uv, footprint))
     return dict(zip(slots, values))
 
 

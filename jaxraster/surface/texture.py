@@ -4,11 +4,13 @@ The mip level is log₂ of the footprint's longer side in texels, clamped to the
 the nearest texel or level instead, or for its first level alone. UV origin at the top left, texel centres at
 half-integers. Linear values in, linear values out.
 
-Gradient: exact in texels; in uv that of the bilinear weights; in the footprint that of the blend between two levels.
+Gradient: exact in texels; in uv that of the bilinear weights, 0 for the nearest texel; in the footprint that of the
+blend between two levels, 0 where there is none.
 uv that are not finite count as 0, as does a footprint that is not a number; an infinite one reads the last level.
 Source: Williams 1983, "Pyramidal Parametrics"; level of detail as in the OpenGL 4.6 specification, eq. 8.8.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -80,12 +82,20 @@ def texture(
     rows = index if hasattr(index, "dtype") else np.asarray(index)
     fit("texture: index", rows, Int[Array, "*b"])
     below("texture: index", rows, textures.wrap.shape[0], "textures", least=-(2**31))
-    index, uv, footprint = jnp.asarray(index), jnp.asarray(uv), jnp.asarray(footprint)
+    # In 32 bits: the row of a level in the table may be far beyond what a small index can hold.
+    index, uv, footprint = jnp.asarray(index).astype(jnp.int32), jnp.asarray(uv), jnp.asarray(footprint)
     if footprint.shape != (*uv.shape, 2):
         raise ValueError(
             f"texture: uv is {list(uv.shape)}, but footprint {list(footprint.shape)}; it has one axis more"
         )
-    index = jnp.broadcast_to(index, uv.shape[:-1])
+    return lookup(jax.tree.map(jnp.asarray, textures), jnp.broadcast_to(index, uv.shape[:-1]), uv, footprint)
+
+
+@jax.jit
+def lookup(
+    textures: Textures, index: Int[Array, "*b"], uv: Float[Array, "*b 2"], footprint: Float[Array, "*b 2 2"]
+) -> Float[Array, "*b 4"]:
+    """`texture` without its checks; compiled by itself, so that calls outside of `jit` compile once."""
     present = index >= 0
     index = jnp.maximum(index, 0)
     wrap = fetch(textures.wrap, index)

@@ -116,7 +116,10 @@ def footprint(
     sizes: dict[str, int] = {}
     fit("footprint: attributes", attributes, Float[Array, "v c"], sizes, batched=False)
     fit("footprint: clip", clip, Float[Array, "v 4"], sizes, batched=False)
-    attributes, clip = jnp.asarray(attributes), jnp.asarray(clip)
+    fit("footprint: faces", faces, Int[Array, "f 3"])
+    fit("footprint: visibility.face", visibility.face, Int[Array, "h w"], batched=False)
+    below("footprint: faces", faces, clip.shape[0], "vertices")
+    attributes, clip, faces = (jnp.asarray(each) for each in (attributes, clip, faces))
     table = attributes[faces].reshape(faces.shape[0], 3 * attributes.shape[1])
     corners = rows(table, visibility.face, jnp.zeros(table.shape[1], attributes.dtype))
     return spread(corners, clip, faces, visibility)

@@ -16,7 +16,7 @@ import math
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..buffers import Stats, Visibility
 from ..check import below, fit
@@ -224,10 +224,7 @@ def _sides(cull, num_faces):
         if cull not in names:
             raise ValueError(f"rasterize: cull must be None, 'back', 'front' or a bool array [f], got {cull!r}")
         return jnp.full((num_faces,), names[cull], jnp.int32)
-    if getattr(cull, "shape", None) != (num_faces,):
-        raise ValueError(
-            f"rasterize: cull must be None, 'back', 'front' or a bool array [f], f = {num_faces}, got {cull!r}"
-        )
+    fit("rasterize: cull", cull, Bool[Array, " f"], {"f": num_faces})
     return jnp.asarray(cull).astype(jnp.int32)
 
 
@@ -239,7 +236,7 @@ def rasterize(
     Args:
         clip: positions with z already in [0, w]: w at the near plane, 0 at the far (fragments at or beyond it are not
             drawn). Triangles with a corner that is not finite or not below 1.844e18 are not drawn, change no pixel,
-            and are counted in `stats`, as are those without area.
+            and are counted in `stats`, as are those without area that cross no plane.
         faces: indices of corners; counter-clockwise on the screen is the front. An index that names no vertex raises
             where it is known when tracing, and is counted in `stats` otherwise.
         height, width: static; under `jit` close over them.

@@ -1,5 +1,6 @@
 """Reflectance: published point values, the axioms (normalization, reciprocity, energy), accuracy, and ugly points."""
 
+import dataclasses
 import functools
 
 import jax
@@ -167,6 +168,24 @@ def test_schlick():
     angles = single(np.cos(np.linspace(0, np.pi / 2, 1000)))
     f = np.asarray(schlick(jnp.full((1000, 3), 0.04), angles))
     assert (np.diff(f, axis=0) >= 0).all() and f.min() == np.float32(0.04) and f.max() <= 1
+
+
+def test_f90_is_what_is_mirrored_at_grazing_angles():
+    """F is f90 at 90°, the lobe's albedo is linear in it, and a surface without f0 and f90 mirrors nothing."""
+    f0, f90 = single([[0.04, 0.1, 0.5]] * 2), single([0.5, 0.0])
+    np.testing.assert_allclose(schlick(f0, single([0.0, 0.0]), f90), [[0.5] * 3, [0.0] * 3])
+    np.testing.assert_allclose(schlick(f0, single([1.0, 1.0]), f90), f0)
+    cosine, alpha = single([0.3, 0.3]), single([0.25, 0.25])
+    half, none = np.asarray(directional_albedo(f0, cosine, alpha, f90), np.float64)
+    whole = np.asarray(directional_albedo(f0, cosine, alpha), np.float64)[0]
+    np.testing.assert_allclose(half - none, 0.5 * (whole - none), rtol=1e-5)
+    assert (whole > half).all() and (half > none).all()
+    here = dataclasses.replace(surface([VIEW], f0=0.0), f90=single([0.0]))
+    assert (standard(here, single([LIGHT]))[1] == 0).all()
+    lit = standard(surface([VIEW], f0=0.0), single([LIGHT]))[1]
+    weighed = standard(dataclasses.replace(here, f90=single([0.25])), single([LIGHT]))[1]
+    assert (lit > 0).all()
+    np.testing.assert_allclose(weighed, 0.25 * lit, rtol=1e-6)
 
 
 def test_a_cosine_beyond_one_counts_as_one():

@@ -1,6 +1,7 @@
 """The API's boundary: what is no argument is refused when the call is traced, by one line that says what was meant."""
 
 import functools
+import logging
 from dataclasses import replace
 
 import jax
@@ -152,12 +153,12 @@ CASES = {
     "pack_textures: wrap of another count": (
         lambda: jr.pack_textures([IMAGE], [(0, 0), (1, 1)]),
         ValueError,
-        "pack_textures: wrap must hold 2 of 0, 1, 2 for each of 1 images",
+        "pack_textures: wrap must hold a row of 2 codes, from 0 to (2, 2), for each of 1 images",
     ),
     "pack_textures: unknown wrap": (
         lambda: jr.pack_textures([IMAGE], [(0, 10497)]),
         ValueError,
-        "pack_textures: wrap must hold 2 of 0, 1, 2 for each of 1 images, got [(0, 10497)]",
+        "pack_textures: wrap must hold a row of 2 codes, from 0 to (2, 2), for each of 1 images, got [(0, 10497)]",
     ),
     "plan: traced size": (
         lambda: jax.jit(lambda n: jr.Plan(width=n).exposure)(4),
@@ -181,7 +182,7 @@ CASES = {
     ),
     "plan: exposure in words": (
         lambda: jr.Plan(exposure="1"),
-        ValueError,
+        TypeError,
         "Plan.exposure must be a number, got '1'",
     ),
     "plan: culling by name": (
@@ -199,6 +200,44 @@ def test_what_is_no_argument_is_refused_in_one_line(case):
         call()
     # JAX may append lines of its own.
     assert message in str(caught.value).splitlines()[0]
+
+
+def test_arrays_of_numpy_will_do():
+    """Scenes, cameras and textures of NumPy arrays are drawn like those of JAX arrays."""
+    plain, camera = jax.tree.map(np.asarray, (SCENE, CAMERA))
+    drawn = jax.jit(jr.render)(plain, camera, PLAN).image
+    np.testing.assert_array_equal(drawn, jax.jit(jr.render)(SCENE, CAMERA, PLAN).image)
+    clip = jr.project(plain.mesh.vertices, camera, height=4, width=4)
+    visibility = jr.rasterize(np.asarray(clip), plain.mesh.faces, height=4, width=4)
+    assert jr.interpolate(plain.mesh.uvs, plain.mesh.faces, visibility).shape == (4, 4, 2)
+    assert jr.footprint(plain.mesh.uvs, np.asarray(clip), plain.mesh.faces, visibility).shape == (4, 4, 2, 2)
+    assert jr.texture(plain.textures, 1, np.asarray(UV), np.asarray(FOOTPRINT)).shape == (5, 4)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int16, np.int32])
+def test_small_indices_reach_every_texture(dtype):
+    """The table of levels has more rows than an index of 8 bits can count."""
+    greys = [np.full((64, 64, 4), i / 100, np.float32) for i in range(100)]
+    seen = jr.texture(
+        jr.pack_textures(greys), jnp.arange(100).astype(dtype), jnp.zeros((100, 2)), jnp.zeros((100, 2, 2))
+    )
+    np.testing.assert_allclose(seen[:, 0], np.arange(100) / 100, rtol=1e-6)
+
+
+def test_a_second_call_outside_of_jit_compiles_nothing(caplog):
+    """The verbs and `render` itself, called as they are."""
+
+    def draw():
+        clip = jr.project(SCENE.mesh.vertices, CAMERA, height=4, width=4)
+        visibility = jr.rasterize(clip, SCENE.mesh.faces, height=4, width=4)
+        uv = jr.interpolate(SCENE.mesh.uvs, SCENE.mesh.faces, visibility)
+        steps = jr.footprint(SCENE.mesh.uvs, clip, SCENE.mesh.faces, visibility)
+        return jr.texture(SCENE.textures, 0, uv, steps), jr.render(SCENE, CAMERA, PLAN).image
+
+    draw()
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        draw()
+    assert [record.message for record in caplog.records if "ompil" in record.message] == []
 
 
 def test_an_unknown_index_is_left_out_and_counted():

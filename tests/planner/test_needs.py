@@ -111,6 +111,12 @@ RULES = {
         {"rows": on_unused({"emissive": (1, 1, 1)})},
         "no material in use emits light",
     ),
+    "emission of what is unlit": (
+        "emission",
+        {"rows": [{}, {}, {}, {"unlit": True}, {}]},
+        {"rows": on_unused({"unlit": True})},
+        "no material in use emits light",
+    ),
     "ambient from the sky": ("ambient", {"sky": 1e-6}, {}, "the environment is black"),
     "ambient from the ground": ("ambient", {"ground": 1e-6}, {}, "the environment is black"),
     "background": ("background", {"ground": 1e-6}, {}, "the environment is black"),
@@ -418,6 +424,7 @@ def full(scene: Scene) -> Plan:
 
 EVERY = {f"{slot}_texture": NORMAL_TEXTURE if slot == "normal" else COLOUR_TEXTURE for slot in TEXTURE_SLOTS}
 BLACK = {"base_color": (0.0, 0.0, 0.0), "emissive": (0.0, 0.0, 0.0), "occlusion_strength": 0.0}
+TURNED = ((0.6, 0.8, 0.3), (-0.8, 0.6, -0.2))
 GLOWS = {"emissive": (0.3, 0.2, 0.1)}
 # Few ways to combine textures, for each costs a compilation: rows for the floor and the others.
 MATERIALS = {
@@ -425,6 +432,13 @@ MATERIALS = {
     "textured": [{**EVERY, **GLOWS}, {}, EVERY, EVERY, EVERY],
     "black under textures": [{**EVERY, **BLACK}] * 5,
     "textures unused": [{}, {}, {}, {}, {**EVERY, **GLOWS}],
+    "of every rare kind": [
+        {**EVERY, "uv_sets": (0, 1, 0, 1, 1), "ior": 1.8},
+        {**EVERY, "uv_transforms": (TURNED,) * 5, "specular": (1.0, 0.5, 0.2, 0.6)},
+        {"unlit": True, "base_color_texture": COLOUR_TEXTURE},
+        {"specular": (0.0, 0.0, 0.0, 0.0)},
+        {"unlit": True},
+    ],
 }
 unit = st.floats(-1.0, 1.0, width=32)
 scenes = st.fixed_dictionaries(
@@ -462,6 +476,11 @@ def build(values: dict):
         sky=values["sky"],
         ground=values["ground"],
     )
+    if values["materials"] == "of every rare kind":
+        count = scene.mesh.vertices.shape[0]
+        colors = np.random.default_rng(8).uniform(0.2, 1.0, (count, 4)).astype(np.float32)
+        mesh = dataclasses.replace(scene.mesh, colors=jnp.asarray(colors), second_uvs=2.0 * scene.mesh.uvs)
+        scene = dataclasses.replace(scene, mesh=mesh)
     return scene, small.camera(eye=near((1.0, 2.0, 4.0)), target=(0.2, 0.3, 0.0), fov_y=values["fov_y"])
 
 

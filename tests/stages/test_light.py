@@ -18,7 +18,7 @@ from jaxraster.light.background import Background, background, rays
 from jaxraster.light.emission import Emission, emission
 from jaxraster.math.transform import from_opencv, look_at, orthographic, perspective
 from jaxraster.scene import Camera, Environment, Point, Spot
-from jaxraster.scenes.parts import lights
+from jaxraster.stack import stack_lights
 from jaxraster.visibility.project import project
 
 INF = np.inf
@@ -37,11 +37,11 @@ def first(kind):
 
 
 def a_point(position=(0.0, 0.0, 0.0), intensity=(1.0, 1.0, 1.0), range=INF) -> Point:
-    return first(lights(point=[(position, intensity, range)]).point)
+    return first(stack_lights(point=[(position, intensity, range)]).point)
 
 
 def a_spot(direction=(0.0, 0.0, -1.0), inner=0.2, outer=0.5, range=INF) -> Spot:
-    return first(lights(spot=[((0, 0, 0), direction, (1, 1, 1), range, inner, outer)]).spot)
+    return first(stack_lights(spot=[((0, 0, 0), direction, (1, 1, 1), range, inner, outer)]).spot)
 
 
 # -- Punctual lights ---------------------------------------------------------------------------------------------------
@@ -64,11 +64,11 @@ def test_a_lambertian_plane_under_a_point_light(brdf):
     color, intensity = np.array([0.8, 0.5, 0.1]), np.array([100.0, 50.0, 10.0])
     add = jax.jit(lambda here, every: punctual_file.punctual(here, every, ("point",), brdf))
     for distance in (0.1, 1.0, 30.0):
-        place = lights(point=[((0.0, 0.0, distance), intensity, INF)])
+        place = stack_lights(point=[((0.0, 0.0, distance), intensity, INF)])
         diffuse, specular = add(surface([[0.0, 0, 0]], diffuse=color), place)
         close(diffuse[0], color / np.pi * intensity / distance**2)
         assert brdf is standard or (specular == 0).all()
-    aside = lights(point=[((4.0, 0.0, 3.0), intensity, INF)])
+    aside = stack_lights(point=[((4.0, 0.0, 3.0), intensity, INF)])
     # Seen from the light's own side there is no Fresnel either: v = l, so that v·h is 1 and F = f0 = 0.
     here = surface([[0.0, 0, 0]], view=[0.8, 0, 0.6], diffuse=color)
     close(add(here, aside)[0][0], color / np.pi * intensity / 25 * 0.6, rtol=2e-6)
@@ -146,7 +146,7 @@ def test_light_is_finite_with_finite_gradients_everywhere():
 
 
 def test_directional_light_is_the_same_everywhere():
-    sun = first(lights(directional=[((0.0, -3.0, -4.0), (3.0, 2.0, 1.0))]).directional)
+    sun = first(stack_lights(directional=[((0.0, -3.0, -4.0), (3.0, 2.0, 1.0))]).directional)
     l, irradiance = punctual_file.directional(surface(np.random.default_rng(1).normal(size=(5, 3))), sun)
     close(l, [[0, 0.6, 0.8]] * 5)
     close(irradiance, [[3, 2, 1]] * 5)
@@ -181,11 +181,11 @@ def total(parts) -> np.ndarray:
 
 def test_many_lights_are_the_sum_of_each(many):
     rows, add = many
-    together = total(add(lights(**rows)))
+    together = total(add(stack_lights(**rows)))
     apart = 0.0
     for kind in rows:
         for number, _ in enumerate(rows[kind]):
-            alone = lights(**rows)
+            alone = stack_lights(**rows)
             for other in rows:
                 light = getattr(alone, other)
                 field = "irradiance" if other == "directional" else "intensity"
@@ -199,7 +199,7 @@ def test_many_lights_are_the_sum_of_each(many):
 @pytest.mark.parametrize("power", [-20, 7])
 def test_light_is_linear_and_by_powers_of_two_exactly_so(many, power):
     rows, add = many
-    every = lights(**rows)
+    every = stack_lights(**rows)
     scaled = every
     for kind, field in (("directional", "irradiance"), ("point", "intensity"), ("spot", "intensity")):
         light = getattr(every, kind)
@@ -210,8 +210,8 @@ def test_light_is_linear_and_by_powers_of_two_exactly_so(many, power):
 
 def test_a_shadow_falls_on_its_own_light_alone(many):
     rows, add = many
-    lit, shaded = add(lights(**rows)), add(lights(**rows), 0.0)
-    without = lights(**rows)
+    lit, shaded = add(stack_lights(**rows)), add(stack_lights(**rows), 0.0)
+    without = stack_lights(**rows)
     sun = without.directional
     without = replace(without, directional=replace(sun, irradiance=sun.irradiance * jnp.array([[1.0], [0.0]])))
     for one, other, full in zip(shaded, add(without), lit):
@@ -220,7 +220,9 @@ def test_a_shadow_falls_on_its_own_light_alone(many):
 
 
 def test_no_lights_is_dark():
-    parts = punctual_file.punctual(surface(np.zeros((2, 3))), lights(), ("directional", "point", "spot"), standard)
+    parts = punctual_file.punctual(
+        surface(np.zeros((2, 3))), stack_lights(), ("directional", "point", "spot"), standard
+    )
     assert all((part == 0).all() and part.shape == (2, 3) for part in parts)
 
 
@@ -345,6 +347,23 @@ def test_a_rough_metal_gathers_about_its_mirror_direction():
     share = 0.5 + 0.5 * (2 * cosine * normal - view)[:, 1:2]
     albedo = np.asarray(directional_albedo(here.f0, jnp.asarray(cosine[:, 0], jnp.float32), here.alpha))
     close(ambient(here, surroundings(), Ambient())[1], albedo * (GROUND + (SKY - GROUND) * share), rtol=1e-5)
+
+
+def test_ambient_light_follows_f90():
+    """Between f90 = 0 and 1 the specular part is linear in it, and the diffuse part takes what is left."""
+    view = np.array([[0.0, np.sin(1.2), np.cos(1.2)]])
+    normal = np.array([[0.0, 0.0, 1.0]])
+    parts = [
+        ambient(
+            surface(np.zeros((1, 3)), normal, view, diffuse=0.5, f0=0.02, f90=f90), surroundings(SKY, SKY), Ambient()
+        )
+        for f90 in (0.0, 0.25, 1.0)
+    ]
+    none, quarter, whole = (np.asarray(specular, np.float64) for _, specular in parts)
+    assert (whole > 2 * none).all()
+    close(quarter - none, 0.25 * (whole - none), rtol=1e-4)
+    for diffuse, specular in parts:
+        close(np.asarray(diffuse) / 0.5 + np.asarray(specular), np.broadcast_to(SKY, (1, 3)), rtol=1e-5)
 
 
 def test_gain_and_occlusion_scale_ambient_light():

@@ -12,7 +12,8 @@ from jaxraster.buffers import Visibility
 from jaxraster.geometry.shapes import plane
 from jaxraster.math.transform import look_at, orthographic, perspective
 from jaxraster.scene import Camera, Scene, pack_textures
-from jaxraster.scenes.parts import at, environment, lights, materials
+from jaxraster.scenes.parts import at, environment
+from jaxraster.stack import stack_lights, stack_materials
 from jaxraster.surface.gather import gather, view_direction
 from jaxraster.surface.material import MIN_N_DOT_V, face_viewer, material, metallic_roughness
 from jaxraster.surface.normal_map import normal_map
@@ -291,7 +292,7 @@ def see():
         nothing = (0.0, 0.0, 0.0)
         mesh = replace(square, vertices=vertices, material=numbers)
         return Scene(
-            mesh=mesh, materials=rows, textures=packed, lights=lights(), environment=environment(nothing, nothing)
+            mesh=mesh, materials=rows, textures=packed, lights=stack_lights(), environment=environment(nothing, nothing)
         )
 
     @jax.jit
@@ -307,7 +308,9 @@ def see():
         if camera is None:
             view = look_at(jnp.array(eye), jnp.zeros(3))
             camera = Camera(world_from_view=view, clip_from_view=perspective(0.8))
-        return everything(materials(*rows), vertices, jnp.array(numbers, jnp.int32), camera, pixels(vertices, camera))
+        return everything(
+            stack_materials(rows), vertices, jnp.array(numbers, jnp.int32), camera, pixels(vertices, camera)
+        )
 
     see.square, see.everything, see.pixels = square, everything, pixels
     # A corner of one face only.
@@ -456,7 +459,7 @@ def test_gradients_stay_finite_whatever_the_square_is(see, total, name):
     elif name == "through the camera":
         vertices = vertices[:, [0, 2, 1]] * [1, 1, 50] + [0, -0.3, 0]
     vertices = jnp.asarray(vertices, jnp.float32)
-    value, slopes = total(materials(TEXTURED), vertices, VIEW, see.pixels(vertices, VIEW))
+    value, slopes = total(stack_materials([TEXTURED]), vertices, VIEW, see.pixels(vertices, VIEW))
     assert jnp.isfinite(value)
     # A corner that is not finite reaches the camera's gradient through their product, but nothing else's.
     for leaf in jax.tree.leaves(slopes[:2] if "corner" in name else slopes):
@@ -475,3 +478,36 @@ def test_a_missing_corner_leaves_the_other_face_alone(see):
         np.testing.assert_allclose(np.asarray(one)[mask], np.asarray(other)[mask], atol=1e-6)
     for leaf in jax.tree.leaves((fragment, half)):
         assert np.isfinite(np.asarray(leaf, np.float32)).all()
+
+
+def test_the_gradient_of_a_map_of_uvs_is_that_of_the_uvs_as_they_are():
+    """Also at the identity, and where the uvs lie outside of one period: whole numbers shift the map's derivative."""
+    rng = np.random.default_rng(21)
+    packed = pack_textures([rng.uniform(0, 1, (8, 8, 4)).astype(np.float32)])
+    square = at(plane(), 0.0, 0.0, 0.0, None, pitch=90.0)
+    square = replace(square, uvs=square.uvs * 0.5 + 4.3)
+    camera = Camera(world_from_view=look_at((0.0, 0.0, 2.0), (0.0, 0.0, 0.0)), clip_from_view=perspective(0.8))
+    nothing = (0.0, 0.0, 0.0)
+    clip = project(square.vertices, camera, **SMALL)
+    face = faces_seen(clip, square.faces, **SMALL)
+
+    @jax.jit
+    def total(matrix):
+        rows = stack_materials([{"emissive": (1.0, 1.0, 1.0), "emissive_texture": 0}])
+        rows = replace(rows, uv_transforms=jnp.broadcast_to(matrix, (1, 5, 2, 3)))
+        scene = Scene(
+            mesh=square,
+            materials=rows,
+            textures=packed,
+            lights=stack_lights(),
+            environment=environment(nothing, nothing),
+        )
+        fragment = gather(scene, visible(clip, square.faces, face), clip, camera)
+        return jnp.sum(material(fragment, rows, packed, ("emissive",)).emissive)
+
+    identity = jnp.eye(2, 3)
+    slope = np.asarray(jax.grad(total)(identity))
+    for i, j in np.ndindex(2, 3):
+        step = jnp.zeros((2, 3)).at[i, j].set(1e-3)
+        expected = float(total(identity + step) - total(identity - step)) / 2e-3
+        assert abs(slope[i, j] - expected) < 0.02 * np.abs(slope).max(), (i, j)

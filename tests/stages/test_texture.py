@@ -12,7 +12,8 @@ from reference.visibility import faces_seen, visible
 from jaxraster.geometry.shapes import plane
 from jaxraster.math.transform import orbit, perspective
 from jaxraster.scene import CLAMP, MIRROR, REPEAT, Camera, Scene, Textures, pack_textures
-from jaxraster.scenes.parts import environment, lights, materials
+from jaxraster.scenes.parts import environment
+from jaxraster.stack import stack_lights, stack_materials
 from jaxraster.surface.gather import gather
 from jaxraster.surface.texture import texture
 from jaxraster.visibility.project import project
@@ -314,9 +315,9 @@ def drawn():
     def draw(shift, wrap):
         scene = Scene(
             mesh=replace(mesh, uvs=uvs + shift),
-            materials=materials({"base_color_texture": 0}),
+            materials=stack_materials([{"base_color_texture": 0}]),
             textures=replace(packed, wrap=wrap),
-            lights=lights(),
+            lights=stack_lights(),
             environment=environment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
         )
         seen = gather(scene, visibility, clip, camera)
