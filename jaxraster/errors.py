@@ -6,6 +6,14 @@ boundary (wrong rank, dtype or range of an argument) are plain `TypeError` and `
 
 import os
 
+MOST_SHOWN = 400  # characters of a message: what a file holds may be quoted in it, and be of any length
+
+
+def one_line(text: str) -> str:
+    """The text with what no terminal should print escaped, cut where it gets long."""
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:MOST_SHOWN])
+    return shown + "..." * (len(text) > MOST_SHOWN)
+
 
 class Error(Exception):
     """Base of all errors below; `code` is the command line's exit status."""
@@ -13,8 +21,8 @@ class Error(Exception):
     code = 1
 
     def __init__(self, file: str | os.PathLike | None, where: str, message: str):
-        self.file, self.where, self.message = file, where, message
-        super().__init__(": ".join(str(part) for part in (file, where, message) if part not in (None, "")))
+        self.file, self.where, self.message = file, one_line(where), one_line(message)
+        super().__init__(": ".join(str(part) for part in (file, self.where, self.message) if part not in (None, "")))
 
 
 class UsageError(Error):

@@ -91,6 +91,9 @@ def _check(arguments: argparse.Namespace) -> None:
         asked = f"{width} x {height} pixels with {n} x {n} samples are {samples} samples"
         exceed("picture_samples", limits.picture_samples, None, "", asked)
     paths = [arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)]
+    for path in [*paths, *([arguments.exr] if arguments.exr else [])]:
+        if os.path.exists(path) and os.path.exists(arguments.scene) and os.path.samefile(path, arguments.scene):
+            raise OutputError(path, "", "is the scene itself; choose another name")
     for path in paths:
         check_save(path)
     if arguments.exr:
@@ -114,7 +117,8 @@ def _load(arguments: argparse.Namespace):
     name = arguments.scene
     if name in SCENES:
         for option in ("camera", "light_direction", "repair", "strict"):
-            if getattr(arguments, option) not in (None, False):
+            value = getattr(arguments, option)
+            if value is not None and value is not False:
                 raise UsageError(None, f"--{option.replace('_', '-')}", f"is for files; {name!r} is built in")
         return SCENES[name]()
     if not os.path.exists(name) and not os.path.splitext(name)[1]:

@@ -11,7 +11,7 @@ from .gltf_mesh import place_piece, read_primitive
 from .gltf_node import Matrix, place_nodes
 from .gltf_texture import TRANSFORM, WEBP
 from .pointer import Json, fail, reference, rows, strings
-from .reading import Reading, exceed
+from .reading import Reading
 
 SUPPORTED = EXTENSIONS | {PUNCTUAL, TRANSFORM, WEBP, "KHR_mesh_quantization"}
 
@@ -21,7 +21,6 @@ def _read_pieces(document: Document, placed: list[tuple[Json, Matrix]], num_mate
     meshes, reading = rows(document.root, "meshes"), document.reading
     read: dict[str, list[Piece]] = {}
     uses: dict[str, list[int]] = {}
-    num_triangles = 0
     for order, (node, _) in enumerate(placed):
         mesh = reference(node, "mesh", meshes)
         if mesh is None:
@@ -31,9 +30,9 @@ def _read_pieces(document: Document, placed: list[tuple[Json, Matrix]], num_mate
             read[mesh.where] = [piece for piece in primitives if piece is not None]
         uses.setdefault(mesh.where, []).append(order)
         # Count before placing: a file of a few bytes can ask for any number of instances.
-        num_triangles += sum(len(piece.faces) for piece in read[mesh.where])
-        if num_triangles > (most := reading.limits.triangles):
-            exceed("triangles", most, node.file, node.where, f"brings the scene to {num_triangles} triangles")
+        for piece in read[mesh.where]:
+            reading.count("triangles", len(piece.faces), node.file, node.where, "the scene's triangles")
+            reading.count("vertices", len(piece.vertices), node.file, node.where, "the scene's vertices")
 
     # Place all instances of a mesh together, and put them into the order of their nodes.
     found: dict[int, tuple[Piece, ...]] = {}
@@ -54,7 +53,7 @@ def read_gltf(path: Path, reading: Reading | None = None) -> Asset:
     root = document.root
     for extension in strings(root, "extensionsUsed"):
         if extension not in SUPPORTED:
-            reading.ignore(f"extension {extension} is ignored")
+            reading.ignore("extensions are ignored", extension)
     if root.value.get("animations"):
         reading.ignore("animations are ignored")
 
@@ -68,6 +67,11 @@ def read_gltf(path: Path, reading: Reading | None = None) -> Asset:
     # Carry no second uvs along that nothing looks up.
     if materials.uv_sets is None:
         pieces = [piece._replace(second_uvs=None) for piece in pieces]
+    else:
+        asked = np.any(np.asarray(materials.uv_sets), axis=1).tolist()
+        if any(piece.second_uvs is None and asked[piece.material[0]] for piece in pieces):
+            reading.ignore("second texture coordinates that a mesh does not have are replaced by its first")
+        pieces = [p._replace(second_uvs=p.uvs) if p.second_uvs is None else p for p in pieces]
     return Asset(
         mesh=join_pieces(pieces, materials, root.file, reading.limits),
         materials=materials,

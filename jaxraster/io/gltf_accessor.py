@@ -6,7 +6,7 @@ Source: Khronos Group, "glTF 2.0 Specification", 2021, section 3.6.2.
 import numpy as np
 from jaxtyping import Float32, Shaped
 
-from .gltf_container import Document
+from .gltf_container import Document, read_buffer
 from .pointer import Json, fail, integer, member, reference, table
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -16,12 +16,12 @@ _SIZES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 def read_view(document: Document, at: Json) -> tuple[memoryview, int | None]:
     """The bytes of the buffer view that `at` names, and its stride if it states one."""
     view = reference(at, "bufferView", document.views) or fail(at, "bufferView is missing")
-    data = reference(view, "buffer", document.buffers) or fail(view, "buffer is missing")
+    data = read_buffer(document, reference(view, "buffer", document.buffers) or fail(view, "buffer is missing"))
     start, length = integer(view, "byteOffset", 0), integer(view, "byteLength", low=1)
     if start + length > len(data):
         fail(view, f"ends at byte {start + length} of a buffer of {len(data)}; the file may be damaged")
     stride = integer(view, "byteStride", low=1) if "byteStride" in view.value else None
-    return memoryview(data)[start : start + length], stride
+    return data[start : start + length], stride
 
 
 def _elements(document: Document, at: Json, count: int, dtype: np.dtype, size: int) -> Shaped[np.ndarray, "n c"]:
@@ -48,7 +48,8 @@ def read_accessor(document: Document, accessor: Json) -> Shaped[np.ndarray, "n c
     if "bufferView" in accessor.value:
         values = _elements(document, accessor, count, dtype, size)
     else:
-        document.reading.claim(accessor.file, accessor.where, count * size * dtype.itemsize)
+        claimed = count * size * dtype.itemsize
+        document.reading.count("claimed_bytes", claimed, accessor.file, accessor.where, "what it claims without data")
         values = np.zeros((count, size), dtype)
     if "sparse" not in accessor.value:
         return values

@@ -22,17 +22,19 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
 class Document(NamedTuple):
-    """A parsed glTF file and how it is read, the folder its names are relative to, its buffers, views and accessors."""
+    """A parsed glTF file and how it is read, the folder its names are relative to, its binary chunk, and its parts."""
 
     root: Json
     reading: Reading
     folder: pathlib.Path
-    buffers: list[bytes]
+    chunk: bytes | None
+    buffers: list[Json]
     views: list[Json]
     accessors: list[Json]
+    read: dict[str, memoryview]  # what has been fetched, by URI or place
 
 
-def _split_glb(data: bytes, file: str) -> tuple[bytes, bytes | None]:
+def _split_glb(data: bytes, file: str, reading: Reading) -> tuple[bytes, bytes | None]:
     """The JSON of a GLB file, and its binary chunk if it has one."""
     if len(data) < 20:
         raise InputError(file, "header", f"a GLB has at least 20 bytes, this one {len(data)}; it is cut off")
@@ -41,8 +43,10 @@ def _split_glb(data: bytes, file: str) -> tuple[bytes, bytes | None]:
         raise InputError(file, "header", f"a GLB begins with b'glTF', this one with {magic!r}; check the file's type")
     if version != 2:
         raise InputError(file, "header", f"is GLB version {version}, but only 2 is supported; export it as glTF 2.0")
-    if length > len(data):
-        raise InputError(file, "header", f"says {length} bytes, the file has {len(data)}; it is cut off")
+    if not 20 <= length <= len(data):
+        raise InputError(file, "header", f"says {length} bytes, the file has {len(data)}; it is cut off or damaged")
+    if length < len(data):
+        reading.mend(file, "header", f"{len(data) - length} bytes after the end are ignored")
     chunks, offset = [], 12
     while offset + 8 <= length:
         size, kind = struct.unpack_from("<II", data, offset)
@@ -51,7 +55,7 @@ def _split_glb(data: bytes, file: str) -> tuple[bytes, bytes | None]:
             raise InputError(file, f"chunk {len(chunks)}", f"says {size} bytes, but {left} are left; it is damaged")
         chunks.append((kind, data[offset + 8 : offset + 8 + size]))
         offset += 8 + size
-    if chunks[0][0] != _JSON_CHUNK:
+    if not chunks or chunks[0][0] != _JSON_CHUNK:
         raise InputError(file, "chunk 0", "is not the JSON every GLB begins with; it is damaged")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == _BINARY_CHUNK else None
     return chunks[0][1], binary
@@ -60,13 +64,13 @@ def _split_glb(data: bytes, file: str) -> tuple[bytes, bytes | None]:
 def read_uri(at: Json, folder: pathlib.Path, limits: Limits) -> bytes:
     """The bytes behind a URI: data in place, or a file in the document's folder or below."""
     uri = at.value
-    if uri.startswith("data:"):
+    if uri[:5].lower() == "data:":
         header, comma, payload = uri.partition(",")
         if not comma:
             fail(at, "is a data URI without a comma; export it again")
         try:
             payload = urllib.parse.unquote_to_bytes(payload)
-            return base64.b64decode(payload, validate=True) if header.endswith(";base64") else payload
+            return base64.b64decode(payload, validate=True) if header.lower().endswith(";base64") else payload
         except (binascii.Error, ValueError) as error:
             fail(at, f"is not valid base64 ({error}); export it again")
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", uri):
@@ -80,24 +84,33 @@ def read_uri(at: Json, folder: pathlib.Path, limits: Limits) -> bytes:
         fail(at, f"{uri[:60]} {error.message}")
 
 
-def _read_buffer(at: Json, folder: pathlib.Path, chunk: bytes | None, limits: Limits) -> bytes:
-    length = integer(at, "byteLength", low=1)
+def read_buffer(document: Document, at: Json) -> memoryview:
+    """The bytes of a buffer, fetched when they are first asked for; a file that many buffers name is read once."""
+    if at.where in document.read:
+        return document.read[at.where]
+    length, reading = integer(at, "byteLength", low=1), document.reading
     if "uri" in at.value:
-        data = read_uri(member(at, "uri", str), folder, limits)
-    elif chunk is not None:
-        data = chunk
+        uri = member(at, "uri", str)
+        if uri.value not in document.read:
+            fetched = read_uri(uri, document.folder, reading.limits)
+            reading.count("file_bytes", len(fetched), at.file, uri.where, "bytes of all buffers")
+            document.read[uri.value] = memoryview(fetched)
+        data = document.read[uri.value]
+    elif document.chunk is not None and at.where == "/buffers/0":
+        data = memoryview(document.chunk)
     else:
         fail(at, "has no uri, and there is no binary chunk to hold it; export it again")
     if len(data) < length:
         fail(at, f"byteLength is {length}, but only {len(data)} bytes are there; the data may be cut off")
-    return data[:length]
+    document.read[at.where] = data[:length]
+    return document.read[at.where]
 
 
 def read_document(path: Path, supported: frozenset[str], reading: Reading) -> Document:
-    """Parse a .gltf or .glb file and fetch its buffers; refuse one that requires more than the extensions supported."""
+    """Parse a .gltf or .glb file; refuse one that requires more than the extensions supported."""
     file, data = os.fspath(path), read_file(path, reading.limits)
     is_glb = data[:4] == b"glTF" or file.lower().endswith(".glb")
-    text, chunk = _split_glb(data, file) if is_glb else (data, None)
+    text, chunk = _split_glb(data, file, reading) if is_glb else (data, None)
     root = parse(text, file)
     asset = table(root, "asset")
     version = member(asset, "minVersion" if "minVersion" in asset.value else "version", str)
@@ -107,6 +120,5 @@ def read_document(path: Path, supported: frozenset[str], reading: Reading) -> Do
         if extension not in supported:
             fail(root, f"requires {extension}, which is not supported; export it without")
     folder = pathlib.Path(file).parent
-    buffers = rows(root, "buffers")
-    data = [_read_buffer(b, folder, chunk if i == 0 else None, reading.limits) for i, b in enumerate(buffers)]
-    return Document(root, reading, folder, data, rows(root, "bufferViews"), rows(root, "accessors"))
+    buffers, views, accessors = (rows(root, key) for key in ("buffers", "bufferViews", "accessors"))
+    return Document(root, reading, folder, chunk, buffers, views, accessors, {})

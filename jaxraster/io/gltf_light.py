@@ -6,6 +6,7 @@ Source: Khronos Group, "KHR_lights_punctual"; "glTF 2.0 Specification", 2021, se
 
 import math
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -70,7 +71,7 @@ def _perspective(lens: Json) -> Float[Array, "4 4"]:
     far = number(lens, "zfar", math.inf)
     if not (0 < fov < math.pi and 0 < near < far):
         fail(lens, f"needs 0 < yfov < π and 0 < znear < zfar, has {fov:g}, {near:g} and {far:g}")
-    return perspective(fov, near, far)
+    return jax.jit(perspective)(fov, near, far)
 
 
 def _orthographic(lens: Json) -> Float[Array, "4 4"]:
@@ -78,7 +79,7 @@ def _orthographic(lens: Json) -> Float[Array, "4 4"]:
     number(lens, "xmag")
     if not (half != 0 and 0 <= near < far):
         fail(lens, f"needs ymag other than 0 and 0 <= znear < zfar, has {half:g}, {near:g} and {far:g}")
-    return orthographic(abs(half), near, far)
+    return jax.jit(orthographic)(abs(half), near, far)
 
 
 _LENSES = {"perspective": _perspective, "orthographic": _orthographic}
@@ -95,6 +96,11 @@ def read_cameras(root: Json, placed: list[tuple[Json, Matrix]]) -> tuple[Camera,
         if kind.value not in _LENSES:
             fail(kind, f"is {kind.value[:20]!r}, not one of {', '.join(_LENSES)}")
         pose = floats(_rigid(node, matrix), 4, 4)
-        projection = _LENSES[kind.value](table(camera, kind.value))
+        lens = table(camera, kind.value)
+        projection = _LENSES[kind.value](lens)
+        # Numbers that differ in double precision may not in float32.
+        scales = (projection[0, 0], projection[1, 1], projection[2, 3])
+        if not np.isfinite(projection).all() or not min(scales) > 0:
+            fail(lens, "its numbers leave no picture in float32; export the camera again")
         cameras.append(Camera(world_from_view=pose, clip_from_view=projection))
     return tuple(cameras)

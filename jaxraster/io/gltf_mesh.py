@@ -14,7 +14,9 @@ from .reading import Reading
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 _LEFT_OUT = ("points", "lines", "line loops", "line strips")
-# Attribute -> components, and what to call it when it is left out.
+FLOAT, UNSIGNED = 5126, (5121, 5123)
+_PER_VERTEX = ("vertices", "normals", "tangents", "uvs", "second_uvs", "colors")
+# Attribute -> components.
 _ATTRIBUTES = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 
 
@@ -64,6 +66,8 @@ def _read_attribute(document: Document, attributes: Json, name: str, count: int)
     if accessor is None:
         return None
     values, drop = read_floats(document, accessor, *_ATTRIBUTES[name]), document.reading.drop
+    if name == "COLOR_0":
+        _check_color_type(accessor)
     if len(values) != count:
         told = f"{name} has {len(values)} elements for {count} vertices"
         drop(attributes.file, attributes.where, told, f"{name} of {count} vertices")
@@ -74,6 +78,40 @@ def _read_attribute(document: Document, attributes: Json, name: str, count: int)
         drop(accessor.file, accessor.where, told, f"{name} of {bad.sum()} vertices")
         return np.where(bad[:, None], np.float32(0), values)
     return values
+
+
+def _check_color_type(accessor: Json) -> None:
+    kind = integer(accessor, "componentType")
+    if kind != FLOAT and not (kind in UNSIGNED and accessor.value.get("normalized") is True):
+        fail(accessor, "holds colours that are neither floats nor normalized unsigned integers; export the mesh again")
+
+
+def _clean_colors(colors: Float[np.ndarray, "v c"], at: Json, reading: Reading) -> Float[np.ndarray, "v 4"]:
+    """RGBA in [0, 1], alpha 1 where there is none."""
+    if ((colors < 0) | (colors > 1)).any():
+        reading.mend(at.file, at.where, "COLOR_0 is clamped to [0, 1]")
+        colors = np.clip(colors, 0, 1)
+    alpha = np.ones((len(colors), 4 - colors.shape[1]), np.float32)
+    return np.concatenate([colors, alpha], axis=1)
+
+
+def _clean_tangents(tangents: Float[np.ndarray, "v 4"], at: Json, reading: Reading) -> Float[np.ndarray, "v 4"]:
+    """Tangents whose w is 1 or -1."""
+    if (np.abs(tangents[:, 3]) != 1).any():
+        reading.mend(at.file, at.where, "TANGENT has signs that are neither 1 nor -1")
+        tangents = np.concatenate([tangents[:, :3], np.where(tangents[:, 3:] < 0, -1, 1)], axis=1).astype(np.float32)
+    return tangents
+
+
+def _only_used(piece: Piece) -> Piece:
+    """The piece without the vertices that no face has: each instance would carry them along."""
+    used = np.zeros(len(piece.vertices), bool)
+    used[piece.faces] = True
+    if used.all():
+        return piece
+    numbers = np.cumsum(used, dtype=np.int32) - 1
+    kept = {name: values[used] for name in _PER_VERTEX if (values := getattr(piece, name)) is not None}
+    return piece._replace(**kept, faces=numbers[piece.faces])
 
 
 def read_primitive(document: Document, primitive: Json, default_material: int) -> Piece | None:
@@ -96,6 +134,7 @@ def read_primitive(document: Document, primitive: Json, default_material: int) -
     position = reference(attributes, "POSITION", document.accessors) or fail(attributes, "POSITION is missing")
     count = integer(position, "count", low=1)
     vertices = read_floats(document, position, 3)
+    reading.count("vertices", count, primitive.file, primitive.where, "the scene's vertices")
     faces = _read_faces(document, primitive, mode, count)
     finite = np.all(np.isfinite(vertices), axis=1)
     told = f"{(~finite).sum()} of {count} elements are not finite"
@@ -110,8 +149,8 @@ def read_primitive(document: Document, primitive: Json, default_material: int) -
         told = f"material is {material}, but there are {default_material}"
         reading.drop(primitive.file, primitive.where, told, "a material")
         material = default_material
-    if colors is not None and colors.shape[1] == 3:
-        colors = np.concatenate([colors, np.ones((count, 1), np.float32)], axis=1)
+    colors = None if colors is None else _clean_colors(colors, attributes, reading)
+    tangents = None if tangents is None else _clean_tangents(tangents, attributes, reading)
     piece = Piece(
         vertices=np.where(finite[:, None], vertices, np.float32(0)),
         normals=np.zeros((count, 3), np.float32) if normals is None else normals,
@@ -122,15 +161,13 @@ def read_primitive(document: Document, primitive: Json, default_material: int) -
         second_uvs=second_uvs,
         colors=colors,
     )
-    return piece if normals is not None else _split_corners(piece)
+    return _only_used(piece) if normals is not None else _split_corners(piece)
 
 
 def _split_corners(piece: Piece) -> Piece:
     """The same triangles with corners of their own."""
     corners = piece.faces.ravel()
-    per_vertex = ("vertices", "normals", "tangents", "uvs", "second_uvs", "colors")
-    given = {name: values for name in per_vertex if (values := getattr(piece, name)) is not None}
-    split = {name: values[corners] for name, values in given.items()}
+    split = {name: values[corners] for name in _PER_VERTEX if (values := getattr(piece, name)) is not None}
     return piece._replace(**split, faces=np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
 
 

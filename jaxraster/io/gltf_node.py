@@ -13,6 +13,7 @@ from .pointer import Json, fail, indices, numbers, reference, rows
 from .reading import Reading, exceed
 
 Matrix = Float[np.ndarray, "4 4"]
+ROUNDED = 1e-5  # how far a matrix's last row may be from 0, 0, 0, 1: products of float32 round further than their eps
 UNIT = 1e-2  # how far a quaternion's length may be from 1: codes of 8 bits are half of that off
 _IDENTITY = np.eye(4)
 _MOVES = {"matrix", "translation", "rotation", "scale"}
@@ -23,8 +24,9 @@ def local_matrix(node: Json, reading: Reading) -> Matrix:
     matrix = _IDENTITY.copy()
     if "matrix" in node.value:
         matrix = np.array(numbers(node, "matrix", tuple(_IDENTITY.ravel()))).reshape(4, 4).T
-        if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-            fail(node, f"its matrix ends in the row {matrix[3].tolist()}, not in 0, 0, 0, 1; re-export the scene")
+        if not np.allclose(matrix[3], _IDENTITY[3], rtol=0, atol=ROUNDED):
+            fail(node, f"its matrix ends in the row {matrix[3].tolist()}, not in 0, 0, 0, 1; export the scene again")
+        matrix[3] = _IDENTITY[3]
         return matrix
     if "translation" in node.value:
         matrix[:3, 3] = numbers(node, "translation", (0.0, 0.0, 0.0))
@@ -53,7 +55,7 @@ def _parents(nodes: list[Json]) -> dict[int, int]:
     for i, node in enumerate(nodes):
         for child in indices(node, "children", len(nodes)) if "children" in node.value else ():
             if child in parents:
-                fail(node, f"node {child} is a child of both {parents[child]} and {i}; re-export the scene")
+                fail(node, f"node {child} is a child of both {parents[child]} and {i}; export the scene again")
             parents[child] = i
     # Walk up from every node, and stop at one that an earlier walk has shown to hang from a root.
     safe = set()
@@ -65,7 +67,7 @@ def _parents(nodes: list[Json]) -> dict[int, int]:
         if node in trail:
             cycle = [*list(trail)[list(trail).index(node) :], node]
             loop = " → ".join(map(str, cycle[::-1]))
-            fail(nodes[node], f"is its own ancestor: {loop}; re-export the scene")
+            fail(nodes[node], f"is its own ancestor: {loop}; export the scene again")
         safe.update(trail)
     return parents
 
@@ -78,18 +80,21 @@ def place_nodes(root: Json, reading: Reading) -> list[tuple[Json, Matrix]]:
     parents = _parents(nodes)
     scene = reference(root, "scene", scenes) or (scenes[0] if scenes else None)
     roots = indices(scene, "nodes", len(nodes)) if scene else [i for i in range(len(nodes)) if i not in parents]
+    if len(set(roots)) < len(roots):
+        fail(scene or root, "names a root node twice; export the scene again")
     for i in roots:
         if i in parents:
-            fail(scene or root, f"its root node {i} is a child of node {parents[i]}; re-export the scene")
+            fail(scene or root, f"its root node {i} is a child of node {parents[i]}; export the scene again")
     children = {}
     for child, parent in parents.items():
         children.setdefault(parent, []).append(child)
 
     world, waiting = {}, [(i, _IDENTITY) for i in roots]
-    while waiting:
-        i, above = waiting.pop()
-        world[i] = above if nodes[i].value.keys().isdisjoint(_MOVES) else above @ local_matrix(nodes[i], reading)
-        waiting.extend((child, world[i]) for child in children.get(i, ()))
+    with np.errstate(over="ignore", invalid="ignore"):
+        while waiting:
+            i, above = waiting.pop()
+            world[i] = above if nodes[i].value.keys().isdisjoint(_MOVES) else above @ local_matrix(nodes[i], reading)
+            waiting.extend((child, world[i]) for child in children.get(i, ()))
     # Check all at once, and name the first on the way down; what overflows on the way is infinite or no number here.
     largest = np.abs(np.stack(list(world.values()))).max(axis=(1, 2)) if world else np.zeros(0)
     for i, size in zip(world, largest):

@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import Error
+from ..errors import InputError
 from ..scene import CLAMP, FIRST, LINEAR, MIRROR, NEAREST, REPEAT, Textures, pack_textures
 from ..stack import UNMAPPED
 from .gltf_accessor import read_view
 from .gltf_container import Document, read_uri
 from .image import read_image, srgb_to_linear
 from .pointer import Json, fail, integer, member, number, numbers, reference, rows, table
-from .reading import exceed
+from .reading import OR_REPAIR
 
 TRANSFORM, WEBP = "KHR_texture_transform", "EXT_texture_webp"
 ENCODED = ("base_color", "emissive")  # the slots whose images are sRGB; the others hold plain numbers
@@ -96,7 +96,7 @@ class TextureTable:
             reading.ignore("textures without a PNG, JPEG or WebP are left out", texture.where)
             return Lookup()
         image = integer(source, "source")
-        if self._read(image) is None:
+        if (picture := self._read(image)) is None:
             return Lookup()
         transform = table(info, "extensions", TRANSFORM)
         uv_set = integer(transform, "texCoord", integer(info, "texCoord", 0))
@@ -104,16 +104,23 @@ class TextureTable:
             reading.ignore("texture coordinates beyond the second are replaced by the first", info.where)
             uv_set = 0
         row = Row(image, *_read_sampler(texture, self._samplers), slot in ENCODED)
+        if row not in self._rows:
+            self._count(picture, texture)
         return Lookup(self._rows.setdefault(row, len(self._rows)), uv_set, _read_transform(transform))
 
     def _read(self, index: int) -> Float[np.ndarray, "h w 4"] | None:
         """The decoded RGBA of an image, read once; None if it is broken and dropped."""
         if index not in self._pictures:
-            self._pictures[index] = self._decode(self._images[index])
-            size = sum(picture[..., 0].size for picture in self._pictures.values() if picture is not None)
-            if size > (most := self._document.reading.limits.texels):
-                exceed("texels", most, self._document.root.file, "/images", f"have {size} pixels and more together")
+            image = self._images[index]
+            picture = self._pictures[index] = self._decode(image)
+            if picture is not None:
+                self._count(picture, image)
         return self._pictures[index]
+
+    def _count(self, picture: Float[np.ndarray, "h w 4"], at: Json) -> None:
+        """Count what a decoded picture, and what each row made of it, will hold."""
+        size = picture[..., 0].size
+        self._document.reading.count("texels", size, at.file, at.where, "the texels, decoded and packed,")
 
     def _decode(self, image: Json) -> Float[np.ndarray, "h w 4"] | None:
         if ("uri" in image.value) == ("bufferView" in image.value):
@@ -127,10 +134,11 @@ class TextureTable:
             else:
                 data = bytes(read_view(self._document, image)[0])
             return read_image(data, name=f"{image.file}: {image.where}{name}", limits=limits)
-        except Error as error:
+        except InputError as error:
+            told = error.message.rsplit("; ", 1)[0]
             if not self._document.reading.repair:
-                raise
-            self._document.reading.drop(image.file, image.where, error.message, "a texture")
+                raise InputError(error.file, error.where, f"{told}; {OR_REPAIR}") from error
+            self._document.reading.drop(image.file, image.where, told, "a texture")
             return None
 
     def pack(self) -> Textures:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import AssetWarning, InputError, UsageError
+from ..errors import AssetWarning, InputError, LimitError, UsageError
 from ..scene import Camera, Scene
 from .asset import LARGEST
 from .disk import Path, check_file
@@ -44,11 +44,14 @@ def load(
     if suffix not in READERS:
         found = f"unknown model format {suffix!r}" if suffix else "no suffix to tell the model's format"
         raise InputError(file, "", f"{found}; known are {', '.join(READERS)}")
+    if type(camera) is not int:
+        raise TypeError(f"load: camera must be a whole number, got {camera!r}")
     if light_direction is not None:
-        light_direction = np.asarray(light_direction, np.float64)
-        if light_direction.shape != (3,) or not np.isfinite(light_direction).all() or not light_direction.any():
-            raise UsageError(None, "light_direction", f"expected three numbers, not all zero, got {light_direction}")
-    asset = READERS[suffix](path, Reading(repair=repair, strict=strict, limits=limits))
+        light_direction = _direction(light_direction)
+    try:
+        asset = READERS[suffix](path, Reading(repair=repair, strict=strict, limits=limits))
+    except MemoryError as error:
+        raise LimitError(file, "", "does not fit into memory; scale its pictures down, or split it") from error
     for note in asset.notes:
         warnings.warn(f"{file}: {note}", AssetWarning, stacklevel=2)
 
@@ -68,6 +71,17 @@ def load(
         mesh=asset.mesh, materials=asset.materials, textures=asset.textures, lights=lights, environment=environment
     )
     return scene, view
+
+
+def _direction(given: Iterable) -> Float[np.ndarray, "3"]:
+    """Three numbers as a vector whose largest component is 1, so that its length neither overflows nor vanishes."""
+    try:
+        direction = np.asarray(given, np.float64)
+    except (TypeError, ValueError):
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise UsageError(None, "light_direction", f"expected three numbers, not all zero, got {given!r:.60}")
+    return direction / np.abs(direction).max()
 
 
 def read_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:

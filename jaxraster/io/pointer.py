@@ -49,10 +49,17 @@ def parse(data: bytes, file: str) -> Json:
     return _typed(Json(value, file), dict)
 
 
+def _told(value: Any) -> str:
+    """A value in few words: what holds others may be of any size and depth."""
+    if type(value) in (dict, list) and value:
+        return f"{_NAMES[type(value)]} of {len(value)}"
+    return json.dumps(value[:40] if type(value) is str else value)
+
+
 def _typed(at: Json, kind: type) -> Json:
     value = int(at.value) if kind is int and type(at.value) is float and at.value.is_integer() else at.value
     if type(value) is not kind:
-        fail(at, f"expected {_NAMES[kind]}, got {json.dumps(value)[:40]}")
+        fail(at, f"expected {_NAMES[kind]}, got {_told(value)}")
     return at if value is at.value else at._replace(value=value)
 
 
@@ -111,11 +118,11 @@ def number(at: Json, key: str, default: float | None = None, low: float = -math.
 
 def _number(at: Json, low: float, high: float) -> float:
     if type(at.value) not in (int, float) or not math.isfinite(at.value):
-        fail(at, f"expected a finite number, got {json.dumps(at.value)[:40]}")
+        fail(at, f"expected a finite number, got {_told(at.value)}")
     if abs(at.value) > FLOAT_MAX:
         fail(at, f"is {at.value:g}, too large for a float32")
     if not low <= at.value <= high:
-        fail(at, f"is {at.value}, which is not in [{low:g}, {high:g}]")
+        fail(at, f"is {at.value:g}, which is not in [{low:g}, {high:g}]")
     return float(at.value)
 
 

@@ -4,8 +4,9 @@ import os
 from dataclasses import dataclass, field, fields
 from typing import NoReturn
 
-from ..errors import InputError, LimitError
+from ..errors import InputError, LimitError, one_line
 
+OR_REPAIR = "export it again, or drop it with repair"
 MOST_NAMED = 5  # places that a note names; the rest are counted
 
 
@@ -25,6 +26,7 @@ class Limits:
 
     file_bytes: int = _limit(2**31, "bytes of a file")
     claimed_bytes: int = _limit(2**24, "bytes that a file may claim and not hold: accessors of zeros")
+    vertices: int = _limit(2**27, "vertices of a scene, read and placed, instances counted each")
     triangles: int = _limit(2**26, "triangles of a scene, instances counted each")
     nodes: int = _limit(10**6, "nodes of a scene")
     image_side: int = _limit(2**14, "pixels along a side of a PNG, JPEG or WebP")
@@ -61,19 +63,21 @@ class Reading:
     def __init__(self, *, repair: bool = False, strict: bool = False, limits: Limits | None = None):
         if repair and strict:
             raise ValueError("repair and strict exclude each other: one drops what is broken, the other forbids it")
+        if not isinstance(limits, Limits | None):
+            raise TypeError(f"limits must be a Limits(...) or None, got {type(limits).__name__}")
         self.repair, self.strict, self.limits = repair, strict, limits or DEFAULT
         self._notes: dict[str, dict[str, None]] = {}
-        self._claimed = 0
+        self._counts: dict[str, int] = {}
 
-    def claim(self, file: str | os.PathLike, where: str, num_bytes: int) -> None:
-        """Count bytes that a file asks for without holding them, before they are allocated."""
-        self._claimed += num_bytes
-        if self._claimed > (most := self.limits.claimed_bytes):
-            exceed("claimed_bytes", most, file, where, f"claims {num_bytes} bytes without data")
+    def count(self, limit: str, amount: int, file: str | os.PathLike, where: str, what: str) -> None:
+        """Add to what a limit bounds, before it is allocated, `what` being what grows."""
+        total = self._counts[limit] = self._counts.get(limit, 0) + amount
+        if total > (most := getattr(self.limits, limit)):
+            exceed(limit, most, file, where, f"brings {what} to {total}")
 
     def ignore(self, what: str, where: str = "") -> None:
         """Note one more place of something that is left out."""
-        self._notes.setdefault(what, {})[where] = None
+        self._notes.setdefault(one_line(what), {})[one_line(where)] = None
 
     def mend(self, file: str | os.PathLike, where: str, what: str) -> None:
         """Note something that is put right, for instance "roughnessFactor 3 is clamped to [0, 1]"."""
@@ -85,7 +89,7 @@ class Reading:
         """Note that something broken is left out: `message` says what is wrong with it, `dropped` what goes and how
         much of it."""
         if not self.repair:
-            raise InputError(file, where, f"{message}; export it again, or drop it with repair")
+            raise InputError(file, where, f"{message}; {OR_REPAIR}")
         self.ignore(f"dropped {dropped}: {message}", where)
 
     def notes(self) -> tuple[str, ...]:

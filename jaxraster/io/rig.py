@@ -26,6 +26,8 @@ def frame_camera(mesh: Mesh) -> Camera:
     points = np.asarray(mesh.vertices, np.float64)[np.unique(mesh.faces)]
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = MARGIN * float(np.sqrt(np.max(np.sum((points - center) ** 2, axis=1)))) or 1.0
+    # Far from the origin, or next to nothing: keep so large that eye and target differ in float32.
+    radius = max(radius, 1e-5 * float(np.abs(center).max()), 1e-30)
     distance = radius / math.sin(0.5 * FOV_Y)
     return Camera(
         world_from_view=orbit(AZIMUTH, ELEVATION, distance, center.astype(np.float32)),

@@ -36,6 +36,10 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "scene.xyz").write_text("?")
     (tmp_path / "triangle.obj").write_text("mtllib gone.mtl\nv -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "broken.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n")
+    (tmp_path / "bright.mtl").write_text("newmtl lamp\nKd 3 3 3\n")
+    (tmp_path / "bright.obj").write_text("mtllib bright.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl lamp\nf 1 2 3\n")
+    (tmp_path / "linked.png").symlink_to("triangle.obj")
+    (tmp_path / "linked.exr").symlink_to("triangle.obj")
     (tmp_path / "is_a_folder.png").mkdir()
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -97,7 +101,9 @@ REFUSED = [
     ("render triangle.obj --limit file_bytes=9", 5, "triangle.obj: has 49 bytes; at most 9 are allowed"),
     ("render --repair --strict", 2, "--strict: not allowed with argument --repair"),
     ("render broken.obj", 3, "broken.obj: line 5: "),
-    ("render broken.obj --strict", 3, "broken.obj: line 5: "),
+    ("render bright.obj --strict", 3, "which strict forbids"),
+    ("render triangle.obj -o linked.png", 4, "linked.png: is the scene itself"),
+    ("render triangle.obj --exr linked.exr", 4, "linked.exr: is the scene itself"),
     ("limits stage", 2, "one argument too many: 'stage'"),
 ]
 
@@ -237,7 +243,7 @@ def test_what_is_said_and_written(capsys, monkeypatch, folder):
     assert re.fullmatch(r"load \d+\.\d\d s · plan \d+\.\d\d s · compile \d+\.\d\d s · frame \d+\.\d\d\d s", times)
     assert wrote == ["wrote new.png (8x4)", "wrote new.normal.png (0.5 + 0.5 n in world space, no curve)"]
     assert err.splitlines() == [
-        "jaxraster: warning: triangle.obj: material library gone.mtl is missing",
+        "jaxraster: warning: triangle.obj: material libraries are missing: 'gone.mtl'",
         "jaxraster: warning: new.png: 1 of 32 pixels are not finite and written as black",
     ]
     image = read_image("new.png")[..., :3]
@@ -281,8 +287,12 @@ def test_a_picture_from_anywhere(folder):
     assert images["render.png"][..., :3].std() > 0.1
 
 
-def heed_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+HEEDFUL = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from jaxraster.cli import main
+sys.exit(main())
+"""
 
 
 def start_on_a_terminal(words: str, **options) -> tuple[subprocess.Popen, int]:
@@ -290,7 +300,8 @@ def start_on_a_terminal(words: str, **options) -> tuple[subprocess.Popen, int]:
     ours, theirs = pty.openpty()
     start = command(words)
     start.pop("timeout")
-    process = subprocess.Popen(**start, stderr=theirs, preexec_fn=heed_interrupts, **options)
+    start["args"] = [sys.executable, "-c", HEEDFUL, *words.split()]
+    process = subprocess.Popen(**start, stderr=theirs, **options)
     os.close(theirs)
     return process, ours
 
@@ -314,7 +325,7 @@ def test_progress_on_a_terminal_and_nobody_on_stdout(folder):
     os.close(write)
     steps = read_terminal(terminal).split("\r\x1b[K")
     assert process.wait(timeout=300) == 0
-    warning = "jaxraster: warning: triangle.obj: material library gone.mtl is missing\r\n"
+    warning = "jaxraster: warning: triangle.obj: material libraries are missing: 'gone.mtl'\r\n"
     assert [step for step in steps if step] == ["loading...", warning, *(f"{doing}..." for doing in STEPS[1:])]
     assert steps[-1] == ""
     assert read_image("triangle.png").shape == (48, 64, 4)

@@ -443,7 +443,7 @@ THIRD_UV = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord"
 COATED = {"extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 0.5}}}
 PEARL = {"extensions": {"KHR_materials_specular": {"specularTexture": {"index": 0}}}}
 NOTES = [
-    ("/extensionsUsed", ["EXT_a", "EXT_a"], "extension EXT_a is ignored"),
+    ("/extensionsUsed", ["EXT_a", "EXT_a", "EXT_b"], "extensions are ignored: EXT_a, EXT_b"),
     ("/animations", [{}], "animations are ignored"),
     ("/meshes/0/primitives/0/attributes/JOINTS_0", 2, "skins are ignored: /meshes/0/primitives/0"),
     ("/meshes/0/primitives/0/targets", [{}], "morph targets are ignored: /meshes/0/primitives/0"),
@@ -568,7 +568,6 @@ ERRORS = [
     ("/buffers", [{"byteLength": 204, "uri": "a/..%2F../b"}], "/buffers/0/uri", "outside the file's folder"),
     ("/buffers", [{"byteLength": 204, "uri": "data:;base64,@@"}], "/buffers/0/uri", "not valid base64"),
     ("/buffers", [{"byteLength": 204, "uri": "data:"}], "/buffers/0/uri", "without a comma"),
-    ("/buffers", [{"byteLength": 1}, {"byteLength": 204}], "/buffers/1", "has no uri, and there is no binary chunk"),
     ("/materials", [{"normalTexture": {}, "doubleSided": 1}], "/materials/0/doubleSided", "expected true or false"),
     ("/materials", [{"normalTexture": {"scale": 2}}], "/materials/0/normalTexture", "index is missing"),
     ("/materials", [{"normalTexture": {"index": 0}}], "/materials/0/normalTexture/index", "is 0, but there are 0"),
@@ -598,7 +597,7 @@ LIGHT_ERRORS = [
         {"type": "spot", "spot": {"innerConeAngle": 1.0}},
         {},
         "/extensions/KHR_lights_punctual/lights/0/spot/innerConeAngle",
-        "is 1.0, which is not in",
+        "is 1, which is not in",
     ),
     ({"type": "point", "color": [0, 1e30, 0]}, {}, "/extensions/KHR_lights_punctual/lights/0/color/1", "is 1e"),
 ]
@@ -645,7 +644,7 @@ def test_positions_and_transforms_that_overflow(tmp_path):
 def test_claims_without_data_are_not_believed(tmp_path):
     document = edit(quad(), "/accessors/0/bufferView", None)
     document["accessors"][0]["count"] = 10**12
-    with pytest.raises(LimitError, match="/accessors/0: claims 12000000000000 bytes without data"):
+    with pytest.raises(LimitError, match="/accessors/0: brings what it claims without data to 12000000000000"):
         read(document, tmp_path)
 
 

@@ -133,7 +133,7 @@ def test_one_warning_for_each_loss_at_the_callers_line(tmp_path):
         warnings.simplefilter("always")
         load(path)
     assert [str(w.message) for w in caught] == [
-        f"{path}: extension EXT_a is ignored",
+        f"{path}: extensions are ignored: EXT_a",
         f"{path}: animations are ignored",
         f"{path}: transparent materials are drawn opaque: Glass",
     ]
