@@ -36,6 +36,13 @@ def read_file(path: Path, limits: Limits = DEFAULT) -> bytes:
     return data
 
 
+def lies_beside(path: Path, file: Path) -> bool:
+    """Whether a path, links followed, leads into the folder of a file or below, or of what that file is a link to."""
+    real = os.path.realpath(path)
+    folders = os.path.realpath(os.path.dirname(file)), os.path.dirname(os.path.realpath(file))
+    return any(os.path.commonpath([folder, real]) == folder for folder in folders)
+
+
 def _target(path: Path) -> str:
     """The file that `path` stands for, links followed; an `OSError` if no picture may take its place."""
     target = os.path.realpath(path)
@@ -78,10 +85,14 @@ def check_file(path: Path) -> None:
 def write_file(path: Path, data: bytes) -> None:
     """Put `data` in the place of `path` in one step; on any failure what was there before is untouched.
 
-    A link is followed. The bytes are on the disk before the name is, so that no power cut leaves half a file.
+    A link is followed, and a file that is replaced keeps its permissions. The bytes are on the disk before the name is,
+    so that no power cut leaves half a file.
     """
     with _beside(path) as (target, temporary):
         with open(temporary, "xb") as file:
+            # Set them before there is anything to read.
+            with contextlib.suppress(FileNotFoundError):
+                os.chmod(temporary, os.stat(target).st_mode & 0o777)
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

@@ -10,7 +10,8 @@ import contextlib
 import importlib
 import io
 import os
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
 from types import ModuleType
 from typing import Any
 
@@ -20,11 +21,11 @@ from jaxtyping import Float, Shaped
 
 from ..errors import Error, InputError, OutputError
 from .disk import Path, check_file, read_file, write_file
-from .radiance import AGAIN, check_size
+from .png import AGAIN, check_size
 from .reading import DEFAULT, Limits
 
-MOST_RATIO = 1032  # bytes of pixels from a byte of file, above 64 MiB: what zlib, its tightest usual code, reaches
 MOST_NAME = 255  # characters of a channel's name
+_PRINTING = threading.Lock()
 REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)  # x and y of red, green, blue and white
 
 
@@ -36,13 +37,33 @@ def _package(path: Path, error: type[Error]) -> ModuleType:
         raise error(path, "", "EXR needs the package OpenEXR; pip install OpenEXR") from None
 
 
+@contextlib.contextmanager
+def _printed() -> Iterator[io.StringIO]:
+    """What is printed inside through Python; what OpenEXR's library itself prints on the standard error stream is lost.
+
+    Its API has no switch for that, so the stream is turned away for the whole process: lines of other threads get lost
+    as well, and two that read at once wait for each other, lest one restores what the other has turned away.
+    """
+    with _PRINTING, contextlib.ExitStack() as undo:
+        # Without such a stream nothing can be printed there.
+        with contextlib.suppress(OSError):
+            kept = os.dup(2)
+            undo.callback(os.close, kept)
+            undo.callback(os.dup2, kept, 2)
+            with open(os.devnull, "wb") as nowhere:
+                os.dup2(nowhere.fileno(), 2)
+        yield undo.enter_context(contextlib.redirect_stdout(io.StringIO()))
+
+
 def _window(header: Mapping[str, Any], name: str) -> tuple[slice, slice]:
     """The rows and columns of a window, whose bounds are inclusive in the file."""
     (left, top), (right, bottom) = header[name]
     return slice(int(top), int(bottom) + 1), slice(int(left), int(right) + 1)
 
 
-def _check_header(package: ModuleType, header: Mapping[str, Any], size: int, name: str, limits: Limits) -> None:
+def _check_header(
+    package: ModuleType, header: Mapping[str, Any], num_parts: int, size: int, name: str, limits: Limits
+) -> None:
     """Refuse what is not a plain picture, or larger than is read, before its pixels are decoded."""
     if header.get("type") in (package.deepscanline, package.deeptile):
         raise InputError(name, "", "holds deep pixels, which are not supported; flatten the picture")
@@ -55,9 +76,11 @@ def _check_header(package: ModuleType, header: Mapping[str, Any], size: int, nam
     # Bound the tiles as well: one that is far larger than the picture would be decoded whole.
     if "tiles" in header:
         sizes.append((header["tiles"].ySize, header["tiles"].xSize))
+    # Count two bytes a value, as the header does not say whether it holds halves or floats, and of no fewer than four
+    # channels, since one becomes three of light. All parts are decoded.
+    each = 2 * max(4, len(header["channels"])) * num_parts
     for height, width in sizes:
-        # Count two bytes a value: the header does not say whether it holds halves or floats.
-        check_size(height, width, 2 * height * width * len(header["channels"]), size, name, limits, ratio=MOST_RATIO)
+        check_size(width, height, size, name, limits, each=each, kind="light")
 
 
 def _place(pixels: Shaped[np.ndarray, "a b"], header: Mapping[str, Any]) -> Shaped[np.ndarray, "h w"]:
@@ -82,12 +105,11 @@ def _read(path: Path, limits: Limits) -> tuple[dict[str, np.ndarray], Mapping[st
     if data[:4] != b"\x76\x2f\x31\x01":
         raise InputError(name, "", "is not an OpenEXR picture; export the picture again")
     # Keep what the package prints about broken pixels, which it then leaves out without raising.
-    printed = io.StringIO()
     try:
-        with contextlib.redirect_stdout(printed):
+        with _printed() as printed:
             parts = package.File(io.BytesIO(data), header_only=True).parts
             for part in parts:
-                _check_header(package, part.header, len(data), name, limits)
+                _check_header(package, part.header, len(parts), len(data), name, limits)
             read = package.File(io.BytesIO(data), separate_channels=True).parts
             if len(read) < len(parts):
                 raise ValueError(printed.getvalue().split(" - ")[-1])
@@ -101,10 +123,7 @@ def _read(path: Path, limits: Limits) -> tuple[dict[str, np.ndarray], Mapping[st
 
 
 def read_exr(path: Path, limits: Limits = DEFAULT) -> dict[str, Shaped[np.ndarray, "h w"]]:
-    """The channels of an EXR file's first part by name: float16, float32 or uint32 as they are stored.
-
-    Of a broken file OpenEXR itself may print lines, on the standard error stream, before the `InputError`.
-    """
+    """The channels of an EXR file's first part by name: float16, float32 or uint32 as they are stored."""
     return _read(path, limits)[0]
 
 

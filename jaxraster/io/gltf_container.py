@@ -14,7 +14,7 @@ import urllib.parse
 from typing import NamedTuple
 
 from ..errors import InputError
-from .disk import Path, read_file
+from .disk import Path, lies_beside, read_file
 from .pointer import Json, fail, integer, member, parse, rows, strings, table
 from .reading import Limits, Reading
 
@@ -76,7 +76,8 @@ def read_uri(at: Json, folder: pathlib.Path, limits: Limits) -> bytes:
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", uri):
         fail(at, f"{uri[:60]} is not a relative file name; only files beside this one are read")
     name = os.path.normpath(urllib.parse.unquote(uri))
-    if os.path.isabs(name) or name.split(os.sep)[0] == os.pardir:
+    outside = os.path.isabs(name) or name.split(os.sep)[0] == os.pardir
+    if outside or "\0" in name or not lies_beside(folder / name, at.file):
         fail(at, f"{uri[:60]} lies outside the file's folder; move it beside this file")
     try:
         return read_file(folder / name, limits)

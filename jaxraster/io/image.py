@@ -13,7 +13,8 @@ from . import png
 from .disk import Path, check_file, read_file, write_file
 from .reading import DEFAULT, Limits
 
-JPEG = b"\xff\xd8\xff"
+JPEG, SCAN = b"\xff\xd8\xff", b"\xff\xda"
+MOST_SCANS = 64  # of a JPEG; usual ones have 1 to 12, and each of 33 bytes takes 17 ms for 4096 x 4096 pixels
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:
@@ -37,11 +38,13 @@ def _decode(data: bytes, name: str, limits: Limits) -> UInt[np.ndarray, "h w 4"]
         return png.read_16_bits(data, header)
     # Name the decoder: where Pillow is left to find it, it has a limit of its own that only a global can raise.
     decoder = PngImageFile if header else JpegImageFile if data.startswith(JPEG) else WebPImageFile
+    if decoder is JpegImageFile and (scans := data.count(SCAN)) > MOST_SCANS:
+        raise LimitError(name, "", f"has {scans} scans; at most {MOST_SCANS} are allowed{png.AGAIN}")
     if decoder is WebPImageFile:
         # This one makes room for all pixels before it tells their number.
-        png.check_size(*_webp_size(data), name, limits)
+        png.check_size(*_webp_size(data), len(data), name, limits)
     with decoder(io.BytesIO(data)) as picture:
-        png.check_size(*picture.size, name, limits)
+        png.check_size(*picture.size, len(data), name, limits)
         codes = np.array(picture.convert("RGBA"))
     if header and header.kind == png.GREY and header.depth in (2, 4):
         codes[codes[..., 0] == png.transparent_grey(data, header), 3] = 0

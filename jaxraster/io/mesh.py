@@ -7,14 +7,14 @@ import re
 import warnings
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from ..errors import InputError
 from ..scene import pack_textures
 from ..stack import stack_materials
 from .asset import LARGEST, Asset, Piece, join_pieces, unit
 from .disk import Path, read_file
-from .obj import GREY, WHITE, Polygons, decode, read_obj, read_off, to_linear
+from .obj import GREY, WHITE, Polygons, decode, quote, read_obj, read_off, to_linear
 from .reading import Reading, exceed
 
 
@@ -68,19 +68,19 @@ def _read_parts(data: bytes, file: str, reading: Reading) -> Polygons:
         faces = np.concatenate(faces) if faces else np.zeros((0, 3), np.int64)
     # The loaders raise whatever their parsing stumbles over.
     except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = quote(str(error) or type(error).__name__)
         raise InputError(file, "", f"is not a readable {suffix} file: {reason}; export it again") from error
     if len(faces) < claim:
         raise InputError(file, "", f"claims {claim} faces, but {len(faces)} were found; it may be cut off")
     if texture := re.search(rb"\ncomment\s+TextureFile\s+([^\r\n]+)", data):
-        reading.ignore("textures are ignored", texture[1].decode(errors="replace"))
+        reading.ignore("textures are ignored", quote(texture[1].decode(errors="replace")))
 
     # Only PLY has more than vertices and faces, and it has one part.
     part = parts[0] if parts else {}
     colors, painted = part.get("vertex_colors"), part.get("face_colors")
     palette, material = np.array([GREY if colors is None else WHITE]), np.zeros(len(faces), np.int64)
     if painted is not None and len(painted) == len(faces):
-        palette, material = np.unique(to_linear(painted)[:, :3], axis=0, return_inverse=True)
+        palette, material = np.unique(to_linear(painted, file, reading)[:, :3], axis=0, return_inverse=True)
         colors = None
     elif painted is not None:
         reading.ignore("face colours are ignored, since some faces have more corners than others")
@@ -88,12 +88,13 @@ def _read_parts(data: bytes, file: str, reading: Reading) -> Polygons:
         vertices=vertices,
         normals=np.asarray(part.get("vertex_normals", np.zeros_like(vertices)), np.float64),
         uvs=np.asarray(getattr(part.get("visual"), "uv", np.tile((0.0, 1.0), (len(vertices), 1))), np.float64),
-        colors=None if colors is None else to_linear(colors),
+        colors=None if colors is None else to_linear(colors, file, reading),
         corners=faces.ravel(),
         sizes=np.full(len(faces), faces.shape[1]),
         material=material.reshape(-1),
         palette=[*map(tuple, palette.tolist())],
         where=lambda face: f"face {face}",
+        where_vertex=lambda row: f"vertex {row}",
         wrong=lambda corner: f"corner {faces.ravel()[corner]} is none of the {len(vertices)} vertices",
     )
 
@@ -114,7 +115,7 @@ def _drop_broken(raw: Polygons, file: str, reading: Reading) -> Polygons:
     lost = ~broken & (np.bincount(face, beyond, len(raw.sizes)) > 0)
     if far.any():
         wrong = f"{far.sum()} of {len(far)} vertices are not finite or beyond {LARGEST:g} m"
-        reading.drop(file, "", wrong, f"{lost.sum()} of {(~broken).sum()} faces")
+        reading.drop(file, raw.where_vertex(int(far.argmax())), wrong, f"{lost.sum()} of {(~broken).sum()} faces")
 
     if not (broken.any() or far.any()):
         return raw
@@ -132,6 +133,14 @@ def _fan(raw: Polygons) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, " t"]]:
     step = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]
     first = (np.cumsum(raw.sizes) - raw.sizes)[owner]
     return raw.corners[np.stack([first, first + step + 1, first + step + 2], axis=1)], owner
+
+
+def _bounded(rows: Float[np.ndarray, "v c"], what: str, file: str, reading: Reading) -> Float[np.ndarray, "v c"]:
+    """Rows in which numbers whose squares are none become 0, as good as missing."""
+    fine = np.abs(rows) < LARGEST
+    if bad := int((~fine).any(axis=1).sum()):
+        reading.mend(file, "", f"{bad} of {len(rows)} {what} are not finite or beyond {LARGEST:g}; they become 0")
+    return np.where(fine, rows, 0.0)
 
 
 def read_mesh(path: Path, reading: Reading | None = None) -> Asset:
@@ -154,8 +163,8 @@ def read_mesh(path: Path, reading: Reading | None = None) -> Asset:
         raise InputError(file, "", "contains no triangles; it may be cut off")
 
     faces, owner = _fan(raw)
-    # Let numbers whose squares are none be as good as missing.
-    normals, uvs = (np.where(np.abs(array) < LARGEST, array, 0.0) for array in (raw.normals, raw.uvs))
+    normals = _bounded(raw.normals, "normals", file, reading)
+    uvs = _bounded(raw.uvs, "texture coordinates", file, reading)
     no_tangents = np.zeros((len(normals), 4))
     # These formats count v up from the bottom of the image.
     uvs = uvs * (1, -1) + (0, 1)

@@ -1,4 +1,5 @@
-"""What Pillow leaves out of PNG: 16 bits of colour, transparent greys of 2 and 4 bits, and a guard against bombs.
+"""What Pillow leaves out of PNG: 16 bits of colour, transparent greys of 2 and 4 bits, and a guard against bombs,
+which holds for the other formats, too.
 
 Pillow unpacks 16-bit colour to 8 bits, and no other package required here reads it. Yet its decoder
 can be asked for either byte of a sample, the first by "RGB;16B" and the second by "RGB;16L": two passes of it give
@@ -19,7 +20,11 @@ from ..errors import InputError, LimitError
 from .reading import Limits, exceed
 
 MAGIC = b"\x89PNG\r\n\x1a\n"
-MOST_DEFLATED = 1032  # bytes that a byte of zlib's format can stand for
+# Bytes of codes that any file may claim. Of RGBA in 8 bits these are 4096 x 4096 pixels, which take 0.7 s and 450 MB to
+# read, and which flat masks of that size, of 1 to 70 kB, need.
+FREE_CODES = 2**26
+MOST_RATIO = 640  # bytes of codes from a byte of file, beyond these: so 100 kB claim no more, and flat JPEG needs 256
+AGAIN = "; export the picture again"
 GREY, GREY_ALPHA = 0, 4
 CHANNELS = {GREY: 1, 2: 3, 3: 1, GREY_ALPHA: 2, 6: 4}
 
@@ -33,25 +38,26 @@ class Header(NamedTuple):
     kind: int
 
 
-def check_size(width: int, height: int, name: str, limits: Limits) -> None:
-    """Refuse a picture that is larger than the limits, whatever its format, before it is decoded."""
-    if (side := max(width, height)) > limits.image_side:
-        exceed("image_side", limits.image_side, name, "", f"has a side of {side} pixels")
-    if width * height > limits.image_pixels:
-        exceed("image_pixels", limits.image_pixels, name, "", f"has {width} x {height} pixels")
+def check_size(
+    width: int, height: int, size: int, name: str, limits: Limits, *, each: int = 4, kind: str = "image"
+) -> None:
+    """Refuse a picture before it is decoded, whatever its format: one whose codes, of `each` bytes a pixel, are out of
+    all proportion to its file's `size` in bytes, or one larger than the limits for its `kind`, image or light."""
+    if each * width * height > max(FREE_CODES, MOST_RATIO * size):
+        raise LimitError(name, "", f"header claims {width * height} pixels from a {size} byte file{AGAIN}")
+    most_side, most_pixels = getattr(limits, f"{kind}_side"), getattr(limits, f"{kind}_pixels")
+    if (side := max(width, height)) > most_side:
+        exceed(f"{kind}_side", most_side, name, "", f"has a side of {side} pixels")
+    if width * height > most_pixels:
+        exceed(f"{kind}_pixels", most_pixels, name, "", f"has {width} x {height} pixels")
 
 
 def read_header(data: bytes, name: str, limits: Limits) -> Header:
-    """The header of a PNG that claims no more pixels than the limits, nor than its bytes could hold."""
+    """The header of a PNG whose size may be decoded."""
     if data[12:16] != b"IHDR" or len(data) < 26:
-        raise InputError(name, "", "is broken: its header is missing; export the picture again")
+        raise InputError(name, "", f"is broken: its header is missing{AGAIN}")
     header = Header(*struct.unpack(">IIBB", data[16:26]))
-    claimed = header.width * header.height * header.depth * CHANNELS.get(header.kind, 1) // 8
-    # Leave small claims to the decoder, which finds what is missing.
-    if claimed > max(2**20, MOST_DEFLATED * len(data)):
-        claim = f"header claims {claimed >> 20} MB from a {len(data)} byte file"
-        raise LimitError(name, "", f"{claim}; export the picture again")
-    check_size(header.width, header.height, name, limits)
+    check_size(header.width, header.height, len(data), name, limits, each=8 if header.depth == 16 else 4)
     return header
 
 

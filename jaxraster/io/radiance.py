@@ -13,14 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ..errors import InputError, LimitError
+from ..errors import InputError
 from .disk import Path, read_file, write_file
-from .reading import DEFAULT, Limits, exceed
+from .png import AGAIN, check_size
+from .reading import DEFAULT, Limits
 
-MOST_RATIO = 256  # bytes of light from a byte of file, above 64 MiB: newer run lengths reach 190, older any number
 MOST_HEADER = 2**16  # bytes
 LARGEST = 255 * 2.0**119  # the largest value that the format holds
-AGAIN = "; export the picture again"
 
 
 class _Header(NamedTuple):
@@ -72,21 +71,9 @@ def _read_header(data: bytes, name: str, limits: Limits) -> _Header:
         line = data[end.end() : end.end() + 40].split(b"\n")[0].decode("latin-1")
         raise InputError(name, "header", f"{line!r} is not a resolution such as '-Y 512 +X 1024'{AGAIN}")
     count, width = int(found[2]), int(found[4])
-    check_size(count, width, 12 * count * width, len(data), name, limits)
+    # Count eight bytes a pixel, four of codes and a third of twelve of light: more than older run lengths are free.
+    check_size(width, count, len(data), name, limits, each=8, kind="light")
     return _Header(divisor, (found[1].decode(), found[3].decode()), (count, width), found.end())
-
-
-def check_size(
-    height: int, width: int, claimed: int, size: int, name: str, limits: Limits, *, ratio: int = MOST_RATIO
-) -> None:
-    """Refuse a picture before it is decoded to `claimed` bytes, of which the file's `size` could not hold the code."""
-    if claimed > max(2**26, ratio * size):
-        claim = f"header claims {claimed >> 20} MB from a {size} byte file"
-        raise LimitError(name, "", f"{claim}{AGAIN}")
-    if (side := max(height, width)) > limits.light_side:
-        exceed("light_side", limits.light_side, name, "", f"has a side of {side} pixels")
-    if height * width > limits.light_pixels:
-        exceed("light_pixels", limits.light_pixels, name, "", f"has {width} x {height} pixels")
 
 
 def _new_scanline(data: bytes, at: int, width: int) -> tuple[bytes, int]:
@@ -182,7 +169,7 @@ def read_hdr(path: Path, limits: Limits = DEFAULT) -> Float[np.ndarray, "h w 3"]
     if (header.divisor != 1).any():
         # Let what an extreme exposure overflows be infinite; `read_light` counts it.
         with np.errstate(over="ignore"):
-            light = (light / header.divisor).astype(np.float32)
+            np.divide(light, header.divisor, out=light, casting="same_kind")
     return light
 
 

@@ -5,12 +5,14 @@ import os
 import struct
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from watch import watched
 
 from jaxraster.errors import Error, InputError, LimitError, OutputError
 from jaxraster.io.exr import read_exr, read_exr_light, write_exr
@@ -118,7 +120,7 @@ def test_save_names_the_channels(tmp_path):
 def test_without_the_package(tmp_path, monkeypatch):
     write_exr(tmp_path / "a.exr", {"Y": PLANE})
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    message = r"\.exr: EXR needs the package OpenEXR; pip install 'jaxraster\[exr\]'$"
+    message = r"\.exr: EXR needs the package OpenEXR; pip install OpenEXR$"
     with pytest.raises(InputError, match=message):
         read_light(tmp_path / "a.exr")
     with pytest.raises(OutputError, match=message):
@@ -220,17 +222,43 @@ def tall_tile() -> bytes:
     return data[:start] + struct.pack("<II", 32, 14_000_000) + data[start + 8 :]
 
 
+def many(num_parts: int, num_channels: int) -> bytes:
+    """Parts of 1024 x 1024 black pixels."""
+    planes = {f"c{i}": np.zeros((1024, 1024), np.float16) for i in range(num_channels)}
+    stream = io.BytesIO()
+    OpenEXR.File([OpenEXR.Part({}, planes, f"part {i}") for i in range(num_parts)]).write(stream)
+    return stream.getvalue()
+
+
 BOTH = ("dataWindow", "displayWindow")
 LIMITS = {
-    "40000 x 40000": (claiming(40_000, 40_000, *BOTH), r"header claims 3051 MB from a \d{3} byte file; export"),
-    "data alone": (claiming(40_000, 40_000, "dataWindow"), "header claims 3051 MB"),
-    "display alone": (claiming(40_000, 40_000, "displayWindow"), "header claims 3051 MB"),
+    "40000 x 40000": (
+        claiming(40_000, 40_000, *BOTH),
+        r"header claims 1600000000 pixels from a \d{3} byte file; export",
+    ),
+    "data alone": (claiming(40_000, 40_000, "dataWindow"), "header claims 1600000000 pixels"),
+    "display alone": (claiming(40_000, 40_000, "displayWindow"), "header claims 1600000000 pixels"),
     "long": (
         claiming(2**15 + 1, 4, "displayWindow"),
         r"has a side of 32769 pixels; at most 32768 are allowed \(limit light_side\)$",
     ),
-    "tile": (tall_tile(), r"header claims 854 MB"),
+    "tile": (tall_tile(), r"header claims 448000000 pixels"),
+    "parts": (many(9, 1), r"header claims 1048576 pixels from a \d+ byte file; export"),
+    "channels": (many(1, 33), r"header claims 1048576 pixels from a \d+ byte file; export"),
 }
+
+
+@pytest.mark.parametrize("compression", [OpenEXR.ZIP_COMPRESSION, OpenEXR.DWAA_COMPRESSION])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_the_largest_flat_picture_takes_two_seconds_and_512_megabytes(tmp_path, dtype, compression):
+    """Its codes are 64 MiB; any file may claim as many."""
+    planes = {c: np.ones((2**12, 2**11), dtype) for c in "RGBA"}
+    (tmp_path / "a.exr").write_bytes(encoded(planes, compression=compression))
+    del planes
+    with watched(tmp_path):
+        light, _ = read_light(tmp_path / "a.exr")
+    assert (light == 1).all()
+    assert light.shape == (2**12, 2**11, 3)
 
 
 @pytest.mark.parametrize("name", LIMITS)
@@ -303,7 +331,42 @@ def test_what_is_no_light_is_refused(tmp_path, name, capfd):
     with pytest.raises(InputError, match=rf"a\.exr: {message}") as caught:
         read_light(tmp_path / "a.exr")
     assert "\n" not in str(caught.value)
-    assert capfd.readouterr().out == ""
+    assert capfd.readouterr() == ("", "")
+
+
+def test_only_while_a_file_is_read_nothing_is_printed(tmp_path, capfd):
+    (tmp_path / "a.exr").write_bytes(GOOD[: len(GOOD) // 2])
+    for _ in range(3):
+        with pytest.raises(InputError):
+            read_exr(tmp_path / "a.exr")
+    open_files = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
+    with pytest.raises(InputError):
+        read_exr(tmp_path / "a.exr")
+    assert open_files is None or open_files == len(os.listdir("/proc/self/fd"))
+    print("out")
+    os.write(2, b"error")
+    assert capfd.readouterr() == ("out\n", "error")
+
+
+def test_without_an_error_stream_files_are_read(tmp_path):
+    (tmp_path / "a.exr").write_bytes(GOOD)
+    kept = os.dup(2)
+    os.close(2)
+    try:
+        channels = read_exr(tmp_path / "a.exr")
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+    assert sorted(channels) == ["B", "G", "R"]
+
+
+def test_threads_that_read_at_once_leave_the_streams_as_they_were(tmp_path, capfd):
+    (tmp_path / "a.exr").write_bytes(GOOD)
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda _: read_exr(tmp_path / "a.exr"), range(64)))
+    print("out")
+    os.write(2, b"error")
+    assert capfd.readouterr() == ("out\n", "error")
 
 
 VALID = [GOOD, encoded({"R": R, "G": HALF, "B": B}, type=OpenEXR.tiledimage, tiles=OpenEXR.TileDescription())]

@@ -216,6 +216,22 @@ def test_uvs_that_a_mesh_does_not_have(tmp_path):
     np.testing.assert_array_equal(asset.mesh.second_uvs[24:], CUBE["TEXCOORD_0"])
 
 
+def test_links_lead_nowhere_else(tmp_path):
+    """A link out of the folder is refused; a model that is a link may use what lies beside its target."""
+    store, folder = tmp_path / "store", tmp_path / "folder"
+    store.mkdir(), folder.mkdir()
+    document = cube()
+    (store / "blob1").write_bytes(bytes(document["bytes"]))
+    document["buffers"] = [{"byteLength": len(document["bytes"]), "uri": "all.bin"}]
+    (folder / "all.bin").symlink_to("../store/blob1")
+    path = gltf.write(document, folder / "model", "files")
+    with pytest.raises(InputError, match=r"/buffers/0/uri: all\.bin lies outside the file's folder"):
+        read_gltf(path)
+    path.rename(store / "blob2")
+    path.symlink_to("../store/blob2")
+    assert len(read_gltf(path).mesh.faces) == 12
+
+
 COLORS = {
     "plain bytes": (np.full((24, 3), 200, np.uint8), {}, "neither floats nor normalized unsigned integers"),
     "signed": (np.full((24, 3), 100, np.int8), {"normalized": True}, "neither floats nor normalized"),

@@ -2,6 +2,7 @@
 
 import errno
 import io
+import itertools
 import os
 import resource
 import shutil
@@ -20,6 +21,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, PngImagePlugin
+from watch import watched
 
 from jaxraster.display.transfer import srgb_encode
 from jaxraster.errors import Error, InputError, LimitError, OutputError
@@ -327,20 +329,47 @@ def webp_of(kind: bytes, header: bytes) -> bytes:
     return b"RIFF" + bytes(4) + b"WEBP" + kind + bytes(4) + header
 
 
+PROPORTION = claiming(2**12, 2**12 + 1).ljust(104_884, b"\0")  # a 640th of the bytes of its codes
 BOMBS = {
-    "empty claim": (claiming(60_000, 60_000), "header claims 3433 MB from a 69 byte file; export the picture again"),
-    "16 bits": (claiming(2000, 2000, 16, RGBA), "header claims 30 MB from a 69 byte file"),
-    "largest claim": (claiming(2**31 - 1, 2**31 - 1), "header claims 4398046507008 MB"),
+    "empty claim": (
+        claiming(60_000, 60_000),
+        "header claims 3600000000 pixels from a 69 byte file; export the picture again$",
+    ),
+    "little over": (claiming(2**12, 2**12 + 1), "header claims 16781312 pixels from a 69 byte file"),
+    "little over, 16 bits": (claiming(2**12, 2**11 + 1, 16, RGBA), "header claims 8392704 pixels from a 69 byte file"),
+    "little over, a larger file": (PROPORTION[:-1], "header claims 16781312 pixels from a 104883 byte file"),
+    "largest claim": (claiming(2**31 - 1, 2**31 - 1), "header claims 4611686014132420609 pixels"),
     "zeros": (
-        claiming(2**13 + 1, 2**13, 1, GREY, bytes(2**13 * (2**10 + 1))),
+        claiming(2**13, 2**13, 1, GREY, bytes(2**13 * (2**10 + 1))),
+        r"header claims 67108864 pixels from a \d{4} byte file",
+    ),
+    "jpeg": (jpeg_of(60_000, 60_000), r"header claims 3600000000 pixels from a \d{3} byte file"),
+    "webp of no size": (
+        webp_of(b"VP8L", b"/" + bytes((255,)) * 4),
+        "header claims 268435456 pixels from a 25 byte file",
+    ),
+    "large": (
+        claiming(2**13 + 1, 2**13) + bytes(2**19),
         r"has 8193 x 8192 pixels; at most 67108864 are allowed \(limit image_pixels\)",
     ),
-    "jpeg": (jpeg_of(60_000, 60_000), r"has a side of 60000 pixels; at most 16384 are allowed \(limit image_side\)"),
+    "jpeg, large": (
+        jpeg_of(2**14 + 1, 9),
+        r"has a side of 16385 pixels; at most 16384 are allowed \(limit image_side\)",
+    ),
     "long": (claiming(2**14 + 1, 1), r"has a side of 16385 pixels; at most 16384 are allowed \(limit image_side\)"),
-    "jpeg, little over": (jpeg_of(2**13 + 1, 2**13), "has 8193 x 8192 pixels; at most 67108864 are allowed"),
-    "webp": (webp_of(b"VP8 ", bytes(6) + struct.pack("<HH", 16383, 4097)), "has 16383 x 4097 pixels; at most 67108864"),
-    "webp, lossless": (webp_of(b"VP8L", b"/" + bytes((255,)) * 4), "has 16384 x 16384 pixels; at most 67108864"),
-    "webp, canvas": (webp_of(b"VP8X", bytes(4) + (10**7).to_bytes(3, "little") * 2), "has a side of 10000001 pixels"),
+    "jpeg, little over": (
+        jpeg_of(2**13 + 1, 2**13) + bytes(2**19),
+        "has 8193 x 8192 pixels; at most 67108864 are allowed",
+    ),
+    "webp": (
+        webp_of(b"VP8 ", bytes(6) + struct.pack("<HH", 16383, 4097) + bytes(2**19)),
+        "has 16383 x 4097 pixels; at most 67108864",
+    ),
+    "webp, lossless": (
+        webp_of(b"VP8L", b"/" + bytes((255,)) * 4 + bytes(2**21)),
+        "has 16384 x 16384 pixels; at most 67108864",
+    ),
+    "webp, canvas": (webp_of(b"VP8X", bytes(4) + (10**7).to_bytes(3, "little") + bytes(3)), "has a side of 10000001"),
 }
 
 
@@ -352,6 +381,52 @@ def test_decompression_bombs(name):
         read_image(data, name="bomb")
     assert "\n" not in str(caught.value)
     assert time.process_time() - began < 0.5
+
+
+@pytest.mark.parametrize("data", [claiming(2**12, 2**12), claiming(2**12, 2**11, 16, RGBA), PROPORTION])
+def test_the_largest_claims_are_left_to_the_decoder(data):
+    with pytest.raises(InputError, match=r"^x: is broken: .*; export the picture again$"):
+        read_image(data, name="x")
+
+
+def deepest(interlaced: bool) -> bytes:
+    """A flat PNG of 16 bits with a transparent colour, which takes longest of all that may claim 64 MiB."""
+    height, width = 2**11, 2**12
+    sizes = [(len(range(y, height, dy)), len(range(x, width, dx))) for x, y, dx, dy in PASSES]
+    rows = b"".join(count * (b"\4" + bytes(6 * wide)) for count, wide in (sizes if interlaced else [(height, width)]))
+    header = struct.pack(">IIBBBBB", width, height, 16, RGB, 0, 0, interlaced)
+    chunks = ((b"IHDR", header), (b"tRNS", bytes(6)), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*pair) for pair in chunks)
+
+
+LARGEST = {
+    "rgba": lambda: encoded(Image.new("RGBA", (4096, 4096), (255, 10, 20, 255))),
+    "one bit": lambda: encoded(Image.new("1", (4096, 4096))),
+    "jpeg": lambda: encoded(Image.new("RGB", (4096, 4096)), "JPEG"),
+    "webp": lambda: encoded(Image.new("RGB", (4096, 4096)), "WEBP"),
+    "webp, lossless": lambda: encoded(Image.new("RGBA", (4096, 4096)), "WEBP", lossless=True),
+    "16 bits": lambda: deepest(False),
+    "16 bits, interlaced": lambda: deepest(True),
+}
+
+
+@pytest.mark.parametrize("name", LARGEST)
+def test_the_largest_flat_picture_takes_two_seconds_and_512_megabytes(tmp_path, name):
+    """Its codes are 64 MiB; any file may claim as many."""
+    (tmp_path / "a").write_bytes(LARGEST[name]())
+    with watched(tmp_path):
+        assert read_image(tmp_path / "a").shape == (2048 if "16" in name else 4096, 4096, 4)
+
+
+def test_a_jpeg_of_many_scans_is_refused():
+    """Each goes over all pixels again, however few bytes it has."""
+    data = encoded(Image.new("L", (64, 64), 51), "JPEG", progressive=True)
+    last = data[data.rindex(b"\xff\xda") : -2]
+    more = 64 - data.count(b"\xff\xda")
+    image = read_image(data[:-2] + more * last + data[-2:])
+    np.testing.assert_allclose(image, np.broadcast_to((0.2, 0.2, 0.2, 1), (64, 64, 4)), atol=2 / 255)
+    with pytest.raises(LimitError, match=r"^x: has 65 scans; at most 64 are allowed; export the picture again$"):
+        read_image(data[:-2] + (more + 1) * last + data[-2:], name="x")
 
 
 SMALL = {
@@ -492,6 +567,50 @@ def test_written_files_have_ordinary_rights_and_links_are_followed(tmp_path):
     assert len(os.listdir(tmp_path)) == 2
 
 
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o666])
+def test_a_replaced_file_keeps_its_permissions(tmp_path, mode):
+    (tmp_path / "a.png").write_bytes(b"old")
+    (tmp_path / "a.png").chmod(mode)
+    write_image(tmp_path / "a.png", PICTURE)
+    assert (tmp_path / "a.png").stat().st_mode & 0o7777 == mode
+    assert read_image(tmp_path / "a.png").shape == (4, 4, 4)
+
+
+def test_a_read_only_file_is_not_replaced(tmp_path, monkeypatch):
+    """Whoever asks: the superuser, whom no permissions bind, is told what others are."""
+    (tmp_path / "a.png").write_bytes(b"old")
+    monkeypatch.setattr(os, "access", lambda path, mode: not (str(path).endswith("a.png") and mode == os.W_OK))
+    for attempt in (check_writable, lambda path: write_image(path, PICTURE)):
+        with pytest.raises(OutputError, match=r"cannot be written: the file is read-only; choose another name$"):
+            attempt(tmp_path / "a.png")
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"a.png": b"old"}
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 64 kB."""
+    command = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True) if shutil.which("mount") else None
+    if done is None or done.returncode:
+        pytest.skip(f"mounting is not permitted: {done.stderr.strip() if done else 'there is no mount'}")
+    yield tmp_path
+    subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".hdr", ".exr"])
+def test_a_disk_that_is_full_keeps_the_old_file(small_disk, suffix):
+    if suffix == ".exr":
+        pytest.importorskip("OpenEXR")
+    old = np.random.default_rng(0).bytes(4096)
+    path = small_disk / f"a{suffix}"
+    path.write_bytes(old)
+    noise = np.random.default_rng(1).random((256, 256, 3)).astype(np.float32)
+    with pytest.raises(OutputError, match=r"^\S*a\.\w+: cannot be written: No space left on device") as caught:
+        save(path, noise)
+    assert "\n" not in str(caught.value)
+    assert {p.name: p.read_bytes() for p in small_disk.iterdir()} == {f"a{suffix}": old}
+
+
 @pytest.mark.parametrize("function", ["fsync", "replace"])
 @pytest.mark.parametrize(
     ("error", "kind", "message"),
@@ -572,6 +691,45 @@ def test_save_keeps_light_and_pictures_apart(tmp_path):
         save(tmp_path / "a.bmp", light)
 
 
+def outcome(data: bytes) -> str:
+    """Whether a picture came of a file, or one typed error."""
+    began = time.process_time()
+    try:
+        image = read_image(data, name="x")
+    except Error as error:
+        assert str(error).startswith("x: ")
+        assert "\n" not in str(error)
+        return "refused"
+    finally:
+        assert time.process_time() - began < 2
+    assert image.dtype == np.float32
+    assert image.shape[2:] == (4,)
+    assert 0 <= image.min() <= image.max() <= 1
+    return "read"
+
+
+TALL = png(np.random.default_rng(3).integers(0, 256, (33, 17, 3)), 8, RGB)
+
+
+def test_a_file_cut_off_anywhere_gives_a_picture_or_one_typed_error(tmp_path):
+    """A picture only where no more than the two checksums of the pixels, 8 bytes, and the end mark, 12, are missing."""
+    with watched(tmp_path):
+        outcomes = {end: outcome(TALL[:end]) for end in range(0, len(TALL) + 1, 4)}
+    assert outcomes == {end: "read" if end >= len(TALL) - 20 else "refused" for end in outcomes}
+
+
+def test_swapped_header_fields_give_a_picture_or_one_typed_error(tmp_path):
+    """Width, height, depth, kind and interlacing in every order, with the checksum made right again."""
+    fields, read = (17, 33, 8, RGB, 0), set()
+    with watched(tmp_path):
+        for order in itertools.permutations(range(5)):
+            width, height, depth, kind, interlaced = (fields[i] for i in order)
+            header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, interlaced))
+            if outcome(TALL[:8] + header + TALL[33:]) == "read":
+                read.add((width, height, depth, kind, interlaced))
+    assert read == {fields}
+
+
 VALID = [
     GOOD,
     encoded(Image.new("LA", (9, 9), (51, 102))),
@@ -596,14 +754,4 @@ def test_damage_gives_an_image_or_one_typed_error(data, flips, mend, draw):
     if mend:
         broken[29:33] = struct.pack(">I", zlib.crc32(broken[12:29]))
     broken = bytes(broken[: draw.draw(st.integers(0, len(broken)) | st.just(len(broken)))])
-    began = time.process_time()
-    try:
-        image = read_image(broken, name="x")
-    except Error as error:
-        assert str(error).startswith("x: ")
-        assert "\n" not in str(error)
-    else:
-        assert image.dtype == np.float32
-        assert image.shape[2:] == (4,)
-        assert 0 <= image.min() <= image.max() <= 1
-    assert time.process_time() - began < 2
+    outcome(broken)

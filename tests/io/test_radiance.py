@@ -1,5 +1,6 @@
 """Radiance pictures: every code of pixels, every orientation, exact values, guards, and one error for any damage."""
 
+import itertools
 import os
 import time
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from watch import watched
 
 from jaxraster.errors import Error, InputError, LimitError, OutputError
 from jaxraster.io.load import read_light, save
@@ -30,6 +32,7 @@ def read(tmp_path_factory):
         (folder / "sky.hdr").write_bytes(data)
         return read_hdr(folder / "sky.hdr", limits or Limits())
 
+    read.folder = folder
     return read
 
 
@@ -266,10 +269,11 @@ def test_bad_scanlines_are_named(read, name):
 @pytest.mark.parametrize(
     ("height", "width", "size", "message"),
     [
-        (40_000, 40_000, 53, "header claims 18310 MB from a 53 byte file; export the picture again"),
-        (8_888_888, 4, 100, "header claims 406 MB from a 100 byte file"),
-        (10**18 - 1, 10**18 - 1, 100, "MB from a 100 byte file"),
-        (2000, 3000, 100, "header claims 68 MB from a 100 byte file"),
+        (40_000, 40_000, 53, "header claims 1600000000 pixels from a 53 byte file; export the picture again$"),
+        (8_888_888, 4, 100, "header claims 35555552 pixels from a 100 byte file"),
+        (10**18 - 1, 10**18 - 1, 100, "pixels from a 100 byte file"),
+        (2**12, 2**11 + 1, 100, "header claims 8392704 pixels from a 100 byte file"),
+        (2**12, 2**12, 209_715, "header claims 16777216 pixels from a 209715 byte file"),
         (2**13, 2**14 + 1, 2**23, r"has 16385 x 8192 pixels; at most 134217728 are allowed \(limit light_pixels\)$"),
         (2**15 + 1, 1, 100, r"has a side of 32769 pixels; at most 32768 are allowed \(limit light_side\)$"),
     ],
@@ -295,6 +299,23 @@ def test_each_limit_is_the_last_size_that_is_read(read, limit, most, message):
     assert read(data, Limits(**{limit: most})).shape == (3, 9, 3)
     with pytest.raises(LimitError, match=rf"sky\.hdr: {message}; at most {most - 1} are allowed \(limit {limit}\)$"):
         read(data, Limits(**{limit: most - 1}))
+
+
+@pytest.mark.parametrize("exposure", ["", "EXPOSURE=3\n"])
+def test_the_largest_flat_picture_takes_two_seconds_and_512_megabytes(tmp_path, exposure):
+    """Its codes count as 64 MiB; any file may claim as many."""
+    pixels = bytes((130, 130, 130, 130, 1, 1, 1, 4095 & 255, 1, 1, 1, 4095 >> 8)) * 2**11
+    (tmp_path / "a.hdr").write_bytes(file(pixels, 2**11, 2**12, f"#?RADIANCE\n{exposure}\n".encode()))
+    with watched(tmp_path):
+        light, _ = read_light(tmp_path / "a.hdr")
+    assert light.shape == (2**11, 2**12, 3)
+    assert (light == np.float32(radiance(np.full(4, 130)) / (3 if exposure else 1))).all()
+
+
+def test_a_larger_file_may_claim_640_bytes_for_each_of_its_own(read):
+    """One byte less, and it is refused; so is not this one, which is cut off."""
+    with pytest.raises(InputError, match="scanline 13 of 4096: is cut off"):
+        read(file(b"", 2**12, 2**12).ljust(209_716, b"\0"))
 
 
 def test_the_size_claimed_may_be_what_run_lengths_reach(read):
@@ -450,6 +471,45 @@ def test_read_light_refuses_other_files(tmp_path):
             read_light(tmp_path / name)
 
 
+def outcome(read, data: bytes) -> str:
+    """Whether light came of a file, or one typed error."""
+    began = time.process_time()
+    try:
+        light = read(data)
+    except Error as error:
+        assert "sky.hdr: " in str(error)
+        assert "\n" not in str(error)
+        return "refused"
+    finally:
+        assert time.process_time() - began < 2
+    assert light.dtype == np.float32
+    assert light.shape[2:] == (3,)
+    assert np.isfinite(light).all()
+    assert (light >= 0).all()
+    return "read"
+
+
+LINES = [b"#?RADIANCE", b"EXPOSURE=2", b"COLORCORR=1 2 4", b"FORMAT=32-bit_rle_rgbe", b"", b"-Y 6 +X 40"]
+
+
+def test_a_file_cut_off_anywhere_is_refused(read):
+    data = file(newer(noise(6, 40)), 6, 40)
+    with watched(read.folder):
+        assert {outcome(read, data[:end]) for end in range(0, len(data), 4)} == {"refused"}
+        assert outcome(read, data) == "read"
+
+
+def test_header_lines_in_any_order_give_light_or_one_typed_error(read):
+    """All that stands before the empty line may stand in any order, but for the first."""
+    outcomes = {}
+    with watched(read.folder):
+        for one, other in itertools.combinations(range(len(LINES)), 2):
+            lines = [*LINES]
+            lines[one], lines[other] = lines[other], lines[one]
+            outcomes[one, other] = outcome(read, b"\n".join(lines) + b"\n" + newer(noise(6, 40)))
+    assert {swap for swap, found in outcomes.items() if found == "read"} == {(1, 2), (1, 3), (2, 3)}
+
+
 VALID = [file(newer(noise(6, 40)), 6, 40), file(older(noise(6, 40)), 6, 40), file(flat(noise(6, 5)), 6, 5)]
 
 
@@ -460,15 +520,4 @@ def test_damage_gives_light_or_one_typed_error(read, data, flips, draw):
     for place, bits in flips:
         broken[place % len(broken)] ^= bits
     broken = bytes(broken[: draw.draw(st.integers(0, len(broken)) | st.just(len(broken)))])
-    began = time.process_time()
-    try:
-        light = read(broken)
-    except Error as error:
-        assert "sky.hdr: " in str(error)
-        assert "\n" not in str(error)
-    else:
-        assert light.dtype == np.float32
-        assert light.shape[2:] == (3,)
-        assert np.isfinite(light).all()
-        assert (light >= 0).all()
-    assert time.process_time() - began < 2
+    outcome(read, broken)
