@@ -1,5 +1,9 @@
 """glTF 2.0 files, .gltf and .glb, as a mesh, materials, textures, lights and cameras."""
 
+import contextlib
+import gc
+from collections.abc import Iterator
+
 import numpy as np
 
 from .asset import Asset, Piece, join_pieces
@@ -43,6 +47,19 @@ def _read_pieces(document: Document, placed: list[tuple[Json, Matrix]], num_mate
     return [piece for order in sorted(found) for piece in found[order] if len(piece.faces)]
 
 
+@contextlib.contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without the garbage collector: the parts of a large file all live on, and it would walk them again and again."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+@_uncollected()
 def read_gltf(path: Path, reading: Reading | None = None) -> Asset:
     """Read the scene of a glTF file into world space.
 
