@@ -270,6 +270,6 @@ BAD_CALLS = [
 def test_bad_arguments_are_named(change, kind, message):
     call = {"clip": np.zeros((3, 4), np.float32), "faces": np.zeros((1, 3), np.int32), "height": 4, "width": 4} | change
     with pytest.raises(kind, match=message):
-        # Past the type checker of this session, which users do not have.
+        # Past the type checker of these tests, which users do not have.
         call_it = getattr(rasterize, "__wrapped__", rasterize)
         call_it(jnp.array(call.pop("clip")), jnp.array(call.pop("faces")), **call)
