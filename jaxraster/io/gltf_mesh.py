@@ -72,6 +72,9 @@ def _read_attribute(document: Document, attributes: Json, name: str, count: int)
         told = f"{name} has {len(values)} elements for {count} vertices"
         drop(attributes.file, attributes.where, told, f"{name} of {count} vertices")
         return None
+    if name == "NORMAL" and not values.any(axis=1).all():
+        what = "NORMAL has zeros, which become means of the faces around"
+        document.reading.mend(attributes.file, attributes.where, what)
     bad = ~np.all(np.isfinite(values), axis=1)
     if np.any(bad):
         told = f"{bad.sum()} of {count} elements are not finite"

@@ -160,7 +160,7 @@ def read_mesh(path: Path, reading: Reading | None = None) -> Asset:
     if count > reading.limits.triangles:
         exceed("triangles", reading.limits.triangles, file, "", f"has {count} triangles")
     if not count:
-        raise InputError(file, "", "contains no triangles; it may be cut off")
+        raise InputError(file, "", "contains no triangles, and points and lines are not drawn; it may be cut off")
 
     faces, owner = _fan(raw)
     normals = _bounded(raw.normals, "normals", file, reading)

@@ -89,7 +89,7 @@ class Reading:
         """Note that something broken is left out: `message` says what is wrong with it, `dropped` what goes and how
         much of it."""
         if not self.repair:
-            raise InputError(file, where, f"{message}; {OR_REPAIR}")
+            raise InputError(file, where, f"{message}; {'export it again' if self.strict else OR_REPAIR}")
         self.ignore(f"dropped {dropped}: {message}", where)
 
     def notes(self) -> tuple[str, ...]:

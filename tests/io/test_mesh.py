@@ -391,7 +391,7 @@ def test_what_is_not_there_beside_a_vertex_is_noted_by_line(tmp_path):
 
 
 FAR = r"of 4 vertices are not finite or beyond 1\.844e\+18 m; export it again, or drop it with repair"
-NO_FACES = "contains no triangles; it may be cut off"
+NO_FACES = "contains no triangles, and points and lines are not drawn; it may be cut off"
 BROKEN = {
     "missing": (".obj", None, "cannot be read: No such file"),
     "empty": (".obj", b"", "is empty"),
