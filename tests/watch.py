@@ -8,6 +8,9 @@ import sys
 import time
 
 SECONDS, MEGABYTES = 2.0, 512
+# The type checker of these tests, imports on first use and other work on the same core may more than double an answer.
+SLACK = 2.5
+SOON = SLACK * SECONDS
 WAITING = 10.0  # times as long as it computes may an answer take, on a machine with other things to do
 _ALLOWED = [os.path.realpath(p) for p in {sys.prefix, sys.base_prefix, pathlib.Path(__file__).parents[1]}]
 _ALLOWED += ["/usr/lib", "/usr/lib64", "/usr/share", "/proc", "/sys", "/etc/ld.so.cache", "/lib", "/lib64"]
@@ -76,5 +79,5 @@ def watched(folder):
     megabytes = _peak() - memory
     assert not touched, f"touched {touched}"
     assert megabytes <= MEGABYTES, f"took {megabytes:.0f} MB"
-    assert computed <= SECONDS, f"computed for {computed:.1f} s"
+    assert computed <= SLACK * SECONDS, f"computed for {computed:.1f} s"
     assert seconds <= WAITING * SECONDS, f"took {seconds:.1f} s"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from watch import watched
+from watch import SOON, watched
 
 from jaxraster.errors import Error, InputError, LimitError, OutputError
 from jaxraster.io.exr import read_exr, read_exr_light, write_exr
@@ -268,7 +268,7 @@ def test_guards(tmp_path, name):
     began = time.process_time()
     with pytest.raises(LimitError, match=rf"a\.exr: {message}"):
         read_exr(tmp_path / "a.exr")
-    assert time.process_time() - began < 0.5
+    assert time.process_time() - began < 2
 
 
 @pytest.mark.parametrize(
@@ -395,4 +395,4 @@ def test_damage_gives_light_or_one_typed_error(tmp_path_factory, data, flips, dr
         assert light.shape[2:] == (3,)
         assert np.isfinite(light).all()
         assert (light >= 0).all()
-    assert time.process_time() - began < 2
+    assert time.process_time() - began < SOON

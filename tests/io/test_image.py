@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, PngImagePlugin
-from watch import watched
+from watch import SOON, watched
 
 from jaxraster.display.transfer import srgb_encode
 from jaxraster.errors import Error, InputError, LimitError, OutputError
@@ -380,7 +380,7 @@ def test_decompression_bombs(name):
     with pytest.raises(LimitError, match=f"^bomb: {message}") as caught:
         read_image(data, name="bomb")
     assert "\n" not in str(caught.value)
-    assert time.process_time() - began < 0.5
+    assert time.process_time() - began < 2
 
 
 @pytest.mark.parametrize("data", [claiming(2**12, 2**12), claiming(2**12, 2**11, 16, RGBA), PROPORTION])
@@ -701,7 +701,7 @@ def outcome(data: bytes) -> str:
         assert "\n" not in str(error)
         return "refused"
     finally:
-        assert time.process_time() - began < 2
+        assert time.process_time() - began < SOON
     assert image.dtype == np.float32
     assert image.shape[2:] == (4,)
     assert 0 <= image.min() <= image.max() <= 1

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from watch import SOON
 
 from jaxraster.errors import Error, InputError, LimitError
 from jaxraster.io import mesh as module
@@ -339,7 +340,7 @@ def test_a_library_is_read_once(tmp_path, monkeypatch):
 def test_no_number_of_libraries_takes_long(tmp_path, lines, note):
     began = time.process_time()
     notes = read(tmp_path, ".obj", lines + b"\n" + obj()).notes
-    assert time.process_time() - began < 2
+    assert time.process_time() - began < SOON
     assert note is None or f"material libraries beyond 1000 words are ignored: {note}" in notes
 
 
@@ -517,7 +518,7 @@ def test_broken_files_are_one_line_of_words_soon_and_in_little_memory(tmp_path, 
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert time.process_time() - began < 2
+    assert time.process_time() - began < SOON
     assert peak < 2**24
     assert "\n" not in str(caught.value)
     assert caught.value.file == str(tmp_path / f"model{suffix}") or caught.value.file == tmp_path / f"model{suffix}"
@@ -646,7 +647,7 @@ def test_a_line_of_a_million_vertices(tmp_path, key):
     began = time.process_time()
     with UNJOINED:
         piece = read(tmp_path, ".obj", data).mesh
-    assert time.process_time() - began < 2
+    assert time.process_time() - began < SOON
     assert len(piece.faces) == 2 + (10**6 - 2) * (key == "f")
 
 
@@ -689,7 +690,7 @@ def test_real_files_give_a_mesh_or_the_right_words():
         else:
             assert len(asset.mesh.faces), name
             assert np.isfinite([asset.mesh.vertices, asset.mesh.normals]).all(), name
-        assert time.process_time() - began < 2, name
+        assert time.process_time() - began < SOON, name
     assert refused == REFUSED.keys()
 
 
@@ -735,4 +736,4 @@ def test_damage_gives_triangles_or_one_typed_error(tmp_path_factory, valid, flip
             assert piece.faces.size
             assert 0 <= piece.faces.min() <= piece.faces.max() < len(piece.vertices)
             assert piece.material.shape == piece.faces.shape[:1]
-    assert time.process_time() - began < 2
+    assert time.process_time() - began < SOON

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from watch import watched
+from watch import SOON, watched
 
 from jaxraster.errors import Error, InputError, LimitError, OutputError
 from jaxraster.io.load import read_light, save
@@ -283,7 +283,7 @@ def test_guards(read, height, width, size, message):
     began = time.process_time()
     with pytest.raises(LimitError, match=message):
         read(start.ljust(size, b"\0"))
-    assert time.process_time() - began < 0.5
+    assert time.process_time() - began < 2
 
 
 @pytest.mark.parametrize(
@@ -481,7 +481,7 @@ def outcome(read, data: bytes) -> str:
         assert "\n" not in str(error)
         return "refused"
     finally:
-        assert time.process_time() - began < 2
+        assert time.process_time() - began < SOON
     assert light.dtype == np.float32
     assert light.shape[2:] == (3,)
     assert np.isfinite(light).all()
