@@ -314,7 +314,7 @@ print(min(seconds))
 
 @pytest.mark.parametrize("build", [lambda: chain(50_000), lambda: instances(20_000)], ids=["chain", "instances"])
 def test_deep_chains_and_many_instances_take_under_a_second(tmp_path, build):
-    """In a process of its own, where no type is checked; the best of three, and twice over for other work on the core."""
+    """In a process of its own, where no type is checked; the best of three, twice over for other work on the core."""
     paths = gltf.write(cube(), tmp_path / "small"), gltf.write(build(), tmp_path / "large")
     told = subprocess.run([sys.executable, "-c", TIMED, *map(str, paths)], capture_output=True, text=True, check=True)
     assert float(told.stdout) < 2
