@@ -10,7 +10,6 @@ from jaxtyping import Array, Float, Int
 from ..geometry.normals import vertex_normals, vertex_tangents
 from ..math.transform import frame
 from ..scene import TEXTURE_SLOTS, Camera, Lights, Materials, Mesh, Textures
-from .reading import Limits, exceed
 
 # Of coordinates and light alike: a tenth of √FLT_MAX, so that sums of products of two are float32; the rasterizer skips
 # triangles beyond it.
@@ -73,13 +72,11 @@ def _normal_map_uvs(piece: Piece, materials: Materials) -> Float[np.ndarray, "v 
     return uvs @ matrix[:, :2].T + matrix[:, 2]
 
 
-def join_pieces(pieces: list[Piece], materials: Materials, file: str, limits: Limits) -> Mesh:
+def join_pieces(pieces: list[Piece], materials: Materials) -> Mesh:
     """One mesh of all pieces. Normals that are missing are means over the triangles around.
 
     So are missing tangents where a normal texture needs them; elsewhere any that are perpendicular to the normal do.
     """
-    if (count := sum(len(piece.faces) for piece in pieces)) > limits.triangles:
-        exceed("triangles", limits.triangles, file, "", f"has {count} triangles")
     first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     # Compute on the host what needs no formula: every new shape would compile each operation anew.
     vertices, normals, tangents, uvs = (

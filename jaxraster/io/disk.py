@@ -36,6 +36,11 @@ def read_file(path: Path, limits: Limits = DEFAULT) -> bytes:
     return data
 
 
+def suffix_of(path: Path) -> str:
+    """The end of a file's name that tells its format, in lower case, with its dot."""
+    return os.path.splitext(os.fspath(path))[1].lower()
+
+
 def lies_beside(path: Path, file: Path) -> bool:
     """Whether a path, links followed, leads into the folder of a file or below, or of what that file is a link to."""
     real = os.path.realpath(path)

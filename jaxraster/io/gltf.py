@@ -90,7 +90,7 @@ def read_gltf(path: Path, reading: Reading | None = None) -> Asset:
             reading.ignore("second texture coordinates that a mesh does not have are replaced by its first")
         pieces = [p._replace(second_uvs=p.uvs) if p.second_uvs is None else p for p in pieces]
     return Asset(
-        mesh=join_pieces(pieces, materials, root.file, reading.limits),
+        mesh=join_pieces(pieces, materials),
         materials=materials,
         textures=textures,
         lights=read_lights(root, placed),

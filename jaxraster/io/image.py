@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt
 
 from ..errors import Error, InputError, LimitError, OutputError
 from . import png
-from .disk import Path, check_file, read_file, write_file
+from .disk import Path, check_file, read_file, suffix_of, write_file
 from .reading import DEFAULT, Limits
 
 JPEG, SCAN = b"\xff\xd8\xff", b"\xff\xda"
@@ -135,7 +135,7 @@ _ENCODERS = {".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg}
 
 
 def _encoder(path: Path):
-    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    suffix = suffix_of(path)
     if suffix not in _ENCODERS:
         found = f"unknown picture format {suffix!r}" if suffix else "no suffix to tell the picture's format"
         raise OutputError(

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..errors import AssetWarning, InputError, LimitError, UsageError
 from ..scene import Camera, Scene
 from .asset import LARGEST
-from .disk import Path, check_file
+from .disk import Path, check_file, suffix_of
 from .exr import check_exr, read_exr_light, write_exr
 from .gltf import read_gltf
 from .image import check_writable, write_image
@@ -40,7 +40,7 @@ def load(
     What is broken raises an `InputError`; `repair` drops it instead and counts it in a warning, `strict` refuses even
     what could be put right without loss. More than the `limits` allow raises a `LimitError` that names the limit.
     """
-    file, suffix = os.fspath(path), os.path.splitext(os.fspath(path))[1].lower()
+    file, suffix = os.fspath(path), suffix_of(path)
     if suffix not in READERS:
         found = f"unknown model format {suffix!r}" if suffix else "no suffix to tell the model's format"
         raise InputError(file, "", f"{found}; known are {', '.join(READERS)}")
@@ -89,7 +89,7 @@ def read_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, 
 
     Texels that are not finite become black, negative values 0, values above 1.844e18 that: each noted with its count.
     """
-    file, suffix = os.fspath(path), os.path.splitext(os.fspath(path))[1].lower()
+    file, suffix = os.fspath(path), suffix_of(path)
     if suffix in (".hdr", ".pic"):
         light, notes = read_hdr(path, limits), ()
     elif suffix == ".exr":
@@ -115,14 +115,14 @@ LINEAR = (".hdr", ".exr")  # the suffixes of files that hold light, not codes fo
 
 def is_linear(path: Path) -> bool:
     """Whether `save` writes linear light there."""
-    return os.path.splitext(os.fspath(path))[1].lower() in LINEAR
+    return suffix_of(path) in LINEAR
 
 
 def check_save(path: Path) -> None:
     """Raise the `OutputError` that `save` would end in, as far as it can be known before rendering."""
     if not is_linear(path):
         check_writable(path)
-    elif os.fspath(path).lower().endswith(".exr"):
+    elif suffix_of(path) == ".exr":
         check_exr(path)
     else:
         check_file(path)
@@ -133,7 +133,7 @@ def save(path: Path, image) -> None:
 
     See `write_image`, `write_hdr` and `write_exr`, which takes any channels; here it gets R, G, B and perhaps A.
     """
-    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    suffix = suffix_of(path)
     if suffix == ".hdr":
         write_hdr(path, image)
     elif suffix == ".exr":

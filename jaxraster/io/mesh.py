@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..scene import pack_textures
 from ..stack import stack_materials
 from .asset import LARGEST, Asset, Piece, join_pieces, unit
-from .disk import Path, read_file
+from .disk import Path, read_file, suffix_of
 from .obj import GREY, WHITE, Polygons, decode, quote, read_obj, read_off, to_linear
 from .reading import Reading, exceed
 
@@ -56,7 +56,7 @@ def _parse(data: bytes, suffix: str) -> list[dict]:
 
 def _read_parts(data: bytes, file: str, reading: Reading) -> Polygons:
     """All solids of a PLY or STL file as one."""
-    suffix = os.path.splitext(file)[1].lower()
+    suffix = suffix_of(file)
     data, claim = _stl(data, file) if suffix == ".stl" else _ply(data)
     if claim > len(data):
         raise InputError(file, "", f"claims {claim} faces, but has only {len(data)} bytes; it may be cut off")
@@ -153,7 +153,7 @@ def read_mesh(path: Path, reading: Reading | None = None) -> Asset:
     """
     reading = reading or Reading()
     file, data = os.fspath(path), read_file(path, reading.limits)
-    suffix = os.path.splitext(file)[1].lower()
+    suffix = suffix_of(file)
     read = {".obj": read_obj, ".off": read_off}.get(suffix, _read_parts)
     raw = _drop_broken(read(data, file, reading), file, reading)
     count = int((raw.sizes - 2).sum())
@@ -172,5 +172,5 @@ def read_mesh(path: Path, reading: Reading | None = None) -> Asset:
     materials = stack_materials(
         [{"base_color": color, "roughness": 0.5, "double_sided": True} for color in raw.palette]
     )
-    mesh = join_pieces([piece], materials, file, reading.limits)
+    mesh = join_pieces([piece], materials)
     return Asset(mesh, materials, pack_textures([]), None, (), reading.notes())

@@ -13,7 +13,7 @@ from ..math import safe
 from ..math.table import fetch
 from ..record import record
 from ..scene import CLAMP, TEXTURE_SLOTS, Camera, Scene
-from ..visibility.barycentric import combine, interpolate, rows, spread
+from ..visibility.barycentric import combine, corners_at, rows, spread
 
 
 @record
@@ -74,11 +74,15 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
         # Mask what is not finite before it is weighed: behind a zero cotangent it would still make NaN.
         return jnp.where(jnp.isfinite(attributes), attributes, 0.0)
 
-    position = interpolate(mesh.vertices, mesh.faces, visibility)
+    def weigh(attributes):
+        # `interpolate` without its checks: the scene has passed them.
+        return combine(corners_at(attributes, mesh.faces, face), visibility.barycentric)
+
+    position = weigh(mesh.vertices)
     view = view_direction(position, camera)
     # Where there is no surface, or none with a direction, face the viewer: nothing downstream meets a zero vector.
     flat = _unless_zero(rows(face_normals(mesh.vertices, mesh.faces), face, jnp.zeros(3, view.dtype)), view)
-    normal = _unless_zero(safe.normalize(interpolate(finite(mesh.normals), mesh.faces, visibility)), flat)
+    normal = _unless_zero(safe.normalize(weigh(finite(mesh.normals))), flat)
     turn = jnp.where(safe.dot(flat, view) < 0, -1.0, 1.0).astype(normal.dtype)[..., None]
 
     def place(uvs):
@@ -88,7 +92,7 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
     uv, footprint = place(mesh.uvs)
     second_uv, second_footprint = (None, None) if mesh.second_uvs is None else place(mesh.second_uvs)
     # Seen from behind, the mapped normal is the opposite of the front's: turn all axes, and the sign with them.
-    tangent = turn * interpolate(finite(mesh.tangents), mesh.faces, visibility)
+    tangent = turn * weigh(finite(mesh.tangents))
     # Append a row for pixels without a face, also where the mesh has none at all.
     material = jnp.concatenate([mesh.material, jnp.zeros(1, mesh.material.dtype)])
     return Fragment(
@@ -103,5 +107,5 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
         footprint=footprint,
         second_uv=second_uv,
         second_footprint=second_footprint,
-        color=None if mesh.colors is None else interpolate(finite(mesh.colors), mesh.faces, visibility),
+        color=None if mesh.colors is None else weigh(finite(mesh.colors)),
     )

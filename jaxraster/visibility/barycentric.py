@@ -74,6 +74,14 @@ def combine(corners: Float[Array, "*b m"], beta: Float[Array, "*b 3"]) -> Float[
     return c0 + beta[..., 1:2] * (c1 - c0) + beta[..., 2:3] * (c2 - c0)
 
 
+def corners_at(
+    attributes: Float[Array, "v c"], faces: Int[Array, "f 3"], face: Int[Array, "*b"]
+) -> Float[Array, "*b m"]:
+    """The attributes of the three corners of each pixel's face, laid end to end; 0 where there is none."""
+    table = attributes[faces].reshape(faces.shape[0], 3 * attributes.shape[1])
+    return rows(table, face, jnp.zeros(table.shape[1], attributes.dtype))
+
+
 def interpolate(
     attributes: Float[Array, "v c"], faces: Int[Array, "f 3"], visibility: Visibility
 ) -> Float[Array, "*b h w c"]:
@@ -92,9 +100,7 @@ def interpolate(
     fit("interpolate: faces", faces, Int[Array, "f 3"])
     below("interpolate: faces", faces, attributes.shape[0], "vertices")
     attributes, faces = jnp.asarray(attributes), jnp.asarray(faces)
-    table = attributes[faces].reshape(faces.shape[0], 3 * attributes.shape[1])
-    corners = rows(table, visibility.face, jnp.zeros(table.shape[1], attributes.dtype))
-    return combine(corners, visibility.barycentric)
+    return combine(corners_at(attributes, faces, visibility.face), visibility.barycentric)
 
 
 def footprint(
@@ -120,9 +126,7 @@ def footprint(
     fit("footprint: visibility.face", visibility.face, Int[Array, "h w"], batched=False)
     below("footprint: faces", faces, clip.shape[0], "vertices")
     attributes, clip, faces = (jnp.asarray(each) for each in (attributes, clip, faces))
-    table = attributes[faces].reshape(faces.shape[0], 3 * attributes.shape[1])
-    corners = rows(table, visibility.face, jnp.zeros(table.shape[1], attributes.dtype))
-    return spread(corners, clip, faces, visibility)
+    return spread(corners_at(attributes, faces, visibility.face), clip, faces, visibility)
 
 
 def spread(
