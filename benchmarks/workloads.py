@@ -1,7 +1,9 @@
 """What rasterizers are measured on: clip positions and faces of six scenes, the same for every program."""
 
+import functools
 import pathlib
 import warnings
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -52,13 +54,18 @@ def _soup(size: int, *, count: int = 10_000, depth_complexity: float = 10.0) -> 
     return Workload(clip.astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3))
 
 
-def file(path: pathlib.Path):
+@functools.cache
+def _load(path: pathlib.Path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return jr.load(path)
+
+
+def _file(path: pathlib.Path):
     """A workload of a file, seen by the camera that frames it."""
 
     def build(size: int) -> Workload:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            scene, camera = jr.load(path)
+        scene, camera = _load(path)
         return _seen(scene.mesh, camera, size)
 
     return build
@@ -71,3 +78,10 @@ WORKLOADS = {
     "W5 Cornell box": _cornell_box,
     "W6 10,000 triangles of 5 to 40 px": _soup,
 }
+
+
+def with_files(**files: pathlib.Path | None) -> dict[str, Callable[[int], Workload]]:
+    """All workloads in order, the ones named (W4, W5) being files: a function of the picture's size for each."""
+    given = {f"{number} {path.stem}": _file(path) for number, path in files.items() if path}
+    generated = {name: build for name, build in WORKLOADS.items() if not files.get(name.split()[0])}
+    return dict(sorted((generated | given).items()))

@@ -10,6 +10,7 @@ from .buffers import Radiance as Radiance
 from .buffers import Stats as Stats
 from .buffers import Surface as Surface
 from .buffers import Visibility as Visibility
+from .camera import Camera as Camera
 from .display.dither import Dither as Dither
 from .io.load import load as load
 from .io.load import save as save
@@ -17,7 +18,6 @@ from .light.ambient import Ambient as Ambient
 from .light.background import Background as Background
 from .light.emission import Emission as Emission
 from .light.shadow_map import ShadowMap as ShadowMap
-from .math.transform import from_opencv as from_opencv
 from .math.transform import look_at as look_at
 from .math.transform import orbit as orbit
 from .math.transform import orthographic as orthographic
@@ -27,7 +27,6 @@ from .plan import Plan as Plan
 from .planner.needs import Reason as Reason
 from .planner.needs import plan_for as plan_for
 from .render import render as render
-from .scene import Camera as Camera
 from .scene import Directional as Directional
 from .scene import Environment as Environment
 from .scene import Lights as Lights
@@ -43,6 +42,8 @@ from .stack import stack_materials as stack_materials
 from .surface.texture import texture as texture
 from .visibility.barycentric import footprint as footprint
 from .visibility.barycentric import interpolate as interpolate
+from .visibility.nvdiffrast import from_nvdiffrast as from_nvdiffrast
+from .visibility.nvdiffrast import to_nvdiffrast as to_nvdiffrast
 from .visibility.project import project as project
 from .visibility.raster import rasterize as rasterize
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .camera import Camera
 from .check import below, fit, fit_record
 from .record import record
 
@@ -88,19 +89,6 @@ class Textures:
     levels: Int[Array, "t l 3"]
     wrap: Int[Array, "t 2"]
     filters: Int[Array, "t 3"] | None = None
-
-
-@record
-class Camera:
-    """A rigid pose and a projection with reversed depth.
-
-    `world_from_view` places the camera (it looks down its -Z, +Y is up in the picture). `clip_from_view` is the
-    projection for a square picture; `render` scales its first row by height/width, so that the vertical field of
-    view stays and the picture's shape is the plan's alone. Clip z lies in [0, w]: w at the near plane, 0 at the far.
-    """
-
-    world_from_view: Float[Array, "*b 4 4"]
-    clip_from_view: Float[Array, "*b 4 4"]
 
 
 @record

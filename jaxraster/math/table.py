@@ -1,6 +1,11 @@
 """Fetching rows of a table: the memory access everything per pixel is built on."""
 
-from jaxtyping import Array, Int, Shaped
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Int, Shaped
 
 
 def fetch(table: Shaped[Array, "n *k"], index: Int[Array, "*b"]) -> Shaped[Array, "..."]:
@@ -9,3 +14,17 @@ def fetch(table: Shaped[Array, "n *k"], index: Int[Array, "*b"]) -> Shaped[Array
     One row of k numbers costs a fraction of k accesses of one. Gradient: adds into the fetched rows.
     """
     return table.at[index].get(mode="promise_in_bounds")
+
+
+def apart(always: Bool[Array, ""], function: Callable, *arguments):
+    """`function(*arguments)` computed once and written to memory, where XLA would repeat it for each of its readers.
+
+    What enters or leaves a branch is not fused; `always` is a condition that holds whatever the data are, but that the
+    compiler cannot see through. Not for what is differentiated.
+    """
+    shapes = jax.eval_shape(function, *arguments)
+
+    def never(*_):
+        return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype), shapes)
+
+    return lax.cond(always, function, never, *arguments)

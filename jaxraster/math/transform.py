@@ -16,6 +16,8 @@ from .safe import divide, dot, normalize
 
 Length = float | Float[Array, ""]
 Vector = Float[Array, "3"] | np.ndarray | tuple | list  # what a caller may write down for three numbers
+Pair = Float[Array, "2"] | np.ndarray | tuple | list  # ... for two
+Matrix = Float[Array, "3 3"] | np.ndarray | list  # ... for three rows of three
 
 
 def _require(rule: str, holds: Callable[..., bool], **values) -> None:
@@ -42,6 +44,14 @@ def _calibrates(K: np.ndarray) -> bool:
 def _rotates(R: np.ndarray) -> bool:
     # A hundredth is far above what estimation and storage round, and far below what a scale or a shear adds.
     return _finite(R) and bool(np.abs(R @ R.T - np.eye(3)).max() < 0.01 and np.linalg.det(R) > 0)
+
+
+def _shaped(where: str, shape: tuple[int, ...], **values) -> None:
+    """Raise one line for the first of the values that has another shape."""
+    for name, value in values.items():
+        if np.shape(value) != shape:
+            hint = "; map over a batch with jax.vmap" if np.ndim(value) > len(shape) else ""
+            raise ValueError(f"{where}: {name} must be {list(shape)}, got {list(np.shape(value))}{hint}")
 
 
 def multiply(a: Float[Array, "*b n k"], b: Float[Array, "*b k m"]) -> Float[Array, "*b n m"]:
@@ -138,24 +148,20 @@ def orthographic(half_height: Length, near: Length, far: Length) -> Float[Array,
     return jnp.stack([jnp.stack(row) for row in [*rows, [zero, zero, zero, one]]])
 
 
-def from_opencv(
-    K: Float[Array, "3 3"] | np.ndarray,
-    R: Float[Array, "3 3"] | np.ndarray,
+def parts_from_opencv(
+    K: Matrix,
+    R: Matrix,
     t: Vector,
     *,
     width: int,
     height: int,
-    near: Length = 0.1,
-    far: Length = jnp.inf,
-    pixel_center: float = 0.0,
+    near: Length,
+    far: Length,
+    pixel_center: float,
 ) -> tuple[Float[Array, "4 4"], Float[Array, "4 4"]]:
-    """`(world_from_view, clip_from_view)` of a calibrated camera: u ~ K (R x + t), v down, z forward.
-
-    `width` and `height` are those K was calibrated for; skew and an off-centre principal point are kept.
-    `pixel_center` is the coordinate of the first pixel's centre: 0 in OpenCV, 0.5 in COLMAP.
-
-    Source: OpenCV, "Camera Calibration and 3D Reconstruction", the pinhole model without distortion.
-    """
+    """`(world_from_view, clip_from_view)` of OpenCV's camera, u ~ K (R x + t); see `Camera.from_opencv`."""
+    _shaped("from_opencv", (3, 3), K=K, R=R)
+    _shaped("from_opencv", (3,), t=t)
     _require("from_opencv: width and height must be above 0", lambda w, h: w > 0 < h, width=width, height=height)
     _require("from_opencv: K must be [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx and fy above 0", _calibrates, K=K)
     _require("from_opencv: R must be a rotation", _rotates, R=R)
@@ -174,6 +180,42 @@ def from_opencv(
     x_row = jnp.stack([2.0 * K[0, 0] / width, -2.0 * K[0, 1] / width, 1.0 - 2.0 * cx / width, zero]) * aspect
     y_row = jnp.stack([zero, 2.0 * K[1, 1] / height, 2.0 * cy / height - 1.0, zero])
     return world_from_view, jnp.stack([x_row, y_row, clip_from_view[2], clip_from_view[3]])
+
+
+def opencv_from_pytorch3d(
+    R: Matrix,
+    T: Vector,
+    *,
+    image_size: tuple[int, int],
+    focal_length: Length | Pair,
+    principal_point: Pair,
+    in_ndc: bool,
+) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"], Float[Array, "3"]]:
+    """`(K, R, t)`, its first pixel's centre at 0.5, of PyTorch3D's camera; see `Camera.from_pytorch3d`.
+
+    In NDC, where the shorter of w and h is 2 and x grows to the left, x = f X/Z + p: in pixels from the left,
+    w/2 - x min(w, h)/2.
+    """
+    sized = "from_pytorch3d: image_size must be (height, width), both above 0"
+    _require(sized, lambda size: size.shape == (2,) and (size > 0).all(), image_size=image_size)
+    _shaped("from_pytorch3d", (3, 3), R=R)
+    _shaped("from_pytorch3d", (3,), T=T)
+    _shaped("from_pytorch3d", (2,), principal_point=principal_point)
+    if np.ndim(focal_length) > 0:
+        _shaped("from_pytorch3d", (2,), focal_length=focal_length)
+    _require("from_pytorch3d: R must be a rotation", _rotates, R=R)
+    _require("from_pytorch3d: T and principal_point must be finite", _finite, T=T, principal_point=principal_point)
+    focused = "from_pytorch3d: focal_length must be finite and above 0"
+    _require(focused, lambda f: _finite(f) and (f > 0).all(), focal_length=focal_length)
+    R, T, focal, point = (jnp.asarray(v, jnp.result_type(float)) for v in (R, T, focal_length, principal_point))
+    if in_ndc:
+        height, width = image_size
+        half = 0.5 * min(height, width)
+        focal, point = half * focal, 0.5 * jnp.array([width, height], point.dtype) - half * point
+    K = jnp.eye(3, dtype=R.dtype).at[[0, 1], [0, 1]].set(focal).at[:2, 2].set(point)
+    # Turn x to the right and y down.
+    turn = jnp.array([-1.0, -1.0, 1.0], R.dtype)
+    return K, turn[:, None] * R.T, turn * T
 
 
 def rotation(axis: Vector, angle: Length) -> Float[Array, "3 3"]:

@@ -8,6 +8,7 @@ Gradient: exact in clip positions and attributes, for the given faces.
 Source: Olano & Greer 1997, "Triangle Scan Conversion using 2D Homogeneous Coordinates".
 """
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
@@ -15,15 +16,31 @@ from jaxtyping import Array, Float, Int
 from ..buffers import Visibility
 from ..check import below, fit
 from ..math import safe
-from ..math.table import fetch
+from ..math.table import apart, fetch
 
 LIMIT = 1.844e18  # a tenth of √FLT_MAX: sums of products of two such coordinates stay below what float32 holds
+
+EXPONENT = 0x7F800000  # the bits of a float32 that are its power of two
+BAND = 2**16  # pixels evaluated together: enough for two threads, few enough for temporaries to stay in the cache
 
 
 def rows(table: Float[Array, "f n"], face: Int[Array, "*b"], background: Float[Array, " n"]) -> Float[Array, "*b n"]:
     """Rows of a per-face table, and `background` where there is no face: index -1 would wrap to the last one."""
     table = jnp.concatenate([table, background[None]])
     return fetch(table, jnp.where(face < 0, table.shape[0] - 1, face))
+
+
+def _products(x, y, w, column, line, height, width):
+    """q_x, q_y and e of corners at pixels."""
+    centre_x = (column.astype(w[0].dtype) + 0.5) * (2.0 / width) - 1.0
+    centre_y = 1.0 - (line.astype(w[0].dtype) + 0.5) * (2.0 / height)
+    qx = [x[i] - centre_x * w[i] for i in range(3)]
+    qy = [y[i] - centre_y * w[i] for i in range(3)]
+    # Round one product, which a comparison forces: XLA would fuse either into the difference, and then a triangle with
+    # its corners in another order gets other weights.
+    rounded = [qy[i] * qx[j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    rounded = [jnp.where(product < jnp.inf, product, 0.0) for product in rounded]
+    return qx, qy, [qx[i] * qy[j] - r for r, (i, j) in zip(rounded, ((1, 2), (2, 0), (0, 1)))]
 
 
 def _edges(clip, faces, face):
@@ -37,15 +54,70 @@ def _edges(clip, faces, face):
     table = jnp.swapaxes(corners, 1, 2).reshape(-1, 12)
     row = rows(table, face, jnp.array([1, 0, -1, 0, 1, -1, 0, 0, 0, 1, 1, 1], clip.dtype))
     x, y, z, w = (tuple(row[..., 3 * c + i] for i in range(3)) for c in range(4))
-
-    centre_x = ((jnp.arange(width, dtype=clip.dtype) + 0.5) * (2.0 / width) - 1.0)[None, :]
-    centre_y = (1.0 - (jnp.arange(height, dtype=clip.dtype) + 0.5) * (2.0 / height))[:, None]
-    qx = [x[i] - centre_x * w[i] for i in range(3)]
-    qy = [y[i] - centre_y * w[i] for i in range(3)]
-    e = [qx[i] * qy[j] - qy[i] * qx[j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    column, line = jnp.arange(width, dtype=jnp.int32)[None, :], jnp.arange(height, dtype=jnp.int32)[:, None]
+    qx, qy, e = _products(x, y, w, column, line, height, width)
     return qx, qy, w, z, e
 
 
+def _formula(clip, faces, face):
+    """`barycentric` as autodiff reads it, from a row of corners per pixel."""
+    _, _, w, z, e = _edges(clip, faces, face)
+    reversed_winding = e[0] + e[1] + e[2] < 0
+    e = [jnp.maximum(jnp.where(reversed_winding, -v, v), 0.0) for v in e]
+    total = e[0] + e[1] + e[2]
+    beta = [jnp.where(face >= 0, safe.divide(v, total), 0.0) for v in e]
+    depth = safe.divide(sum(b * v for b, v in zip(beta, z)), sum(b * v for b, v in zip(beta, w)))
+    return jnp.stack(beta, axis=-1), depth
+
+
+def _evaluate(clip, faces, face):
+    """`barycentric` as a processor likes it: one access per number, in bands whose arrays stay near it."""
+    height, width = face.shape
+    # Scale by a power of two, so that huge and tiny scenes keep their products inside float32's range.
+    usable = jnp.all(jnp.abs(clip) < LIMIT, axis=-1, keepdims=True)
+    clip = jnp.where(usable, clip, 1.0)
+    largest = jnp.maximum(jnp.max(jnp.abs(clip[:, 3])), safe.TINY).astype(jnp.float32)
+    scale = lax.bitcast_convert_type(lax.bitcast_convert_type(largest, jnp.int32) & EXPONENT, jnp.float32)
+    clip = clip / scale.astype(clip.dtype)
+    corners = clip[faces].reshape(-1, 12)
+    lines = min(height, max(1, BAND // width))
+    bands = -(-height // lines)
+    padded = jnp.pad(face, ((0, bands * lines - height), (0, 0)), constant_values=-1)
+
+    def corner(index, component):
+        return [corners.at[index, 4 * i + component].get(mode="promise_in_bounds") for i in range(3)]
+
+    def band(number):
+        seen = lax.dynamic_slice_in_dim(padded, number * lines, lines)
+        index = jnp.maximum(seen, 0)
+        x, y, w = (corner(index, component) for component in (0, 1, 3))
+        line = number * lines + jnp.arange(lines, dtype=jnp.int32)
+        _, _, e = _products(x, y, w, jnp.arange(width, dtype=jnp.int32)[None, :], line[:, None], height, width)
+        sign = jnp.where(e[0] + e[1] + e[2] < 0, -1.0, 1.0)
+        e = [jnp.maximum(sign * v, 0.0) for v in e]
+        total = e[0] + e[1] + e[2]
+        total = jnp.where(total > 0, total, 1.0)
+        # Two numbers in one: XLA would evaluate all this again for each array.
+        return lax.complex(e[1] / total, e[2] / total)
+
+    beta = lax.map(band, jnp.arange(bands, dtype=jnp.int32)).reshape(-1, width)[:height]
+    seen, beta1, beta2 = face >= 0, jnp.real(beta), jnp.imag(beta)
+    index = jnp.maximum(face, 0)
+    beta0 = jnp.maximum(1.0 - beta1 - beta2, 0.0)
+    z, w = (beta0 * c[0] + beta1 * c[1] + beta2 * c[2] for c in (corner(index, 2), corner(index, 3)))
+    # Rounding must not take what is seen out of (0, 1].
+    depth = jnp.clip(jnp.where(w > 0, z / jnp.where(w > 0, w, 1.0), 1.0), safe.TINY, 1.0)
+    weights = jnp.stack([beta0, beta1, beta2], axis=-1)
+    return jnp.where(seen[..., None], weights, 0.0), jnp.where(seen, depth, 0.0)
+
+
+# Compiled apart, and one by one under `vmap`: the same bits in any program, and no batch of temporaries.
+_evaluate_apart = jax.custom_batching.sequential_vmap(
+    jax.jit(lambda clip, faces, face: apart(jnp.max(face) >= -1, _evaluate, clip, faces, face))
+)
+
+
+@jax.custom_jvp
 def barycentric(
     clip: Float[Array, "v 4"], faces: Int[Array, "f 3"], face: Int[Array, "h w"]
 ) -> tuple[Float[Array, "h w 3"], Float[Array, "h w"]]:
@@ -54,14 +126,14 @@ def barycentric(
     β is clamped to [0, 1] and sums to 1, because a centre that is covered by the snapped triangle may lie up to 1/256
     pixel outside the true one; there the clamped β have no gradient.
     """
-    _, _, w, z, e = _edges(clip, faces, face)
-    reversed_winding = e[0] + e[1] + e[2] < 0
-    e = [jnp.maximum(jnp.where(reversed_winding, -v, v), 0.0) for v in e]
-    total = e[0] + e[1] + e[2]
-    visible = face >= 0
-    beta = [jnp.where(visible, safe.divide(v, total), 0.0) for v in e]
-    depth = safe.divide(sum(b * v for b, v in zip(beta, z)), sum(b * v for b, v in zip(beta, w)))
-    return jnp.stack(beta, axis=-1), depth
+    return _evaluate_apart(clip, faces, face)
+
+
+@barycentric.defjvp
+def _tangents(primals, tangents):
+    clip, faces, face = primals
+    _, moved = jax.jvp(lambda clip: _formula(clip, faces, face), (clip,), (tangents[0],))
+    return barycentric(clip, faces, face), moved
 
 
 def combine(corners: Float[Array, "*b m"], beta: Float[Array, "*b 3"]) -> Float[Array, "*b c"]:

@@ -16,7 +16,7 @@ from jaxraster.light import punctual as punctual_file
 from jaxraster.light.ambient import Ambient, sky_share
 from jaxraster.light.background import Background, background, rays
 from jaxraster.light.emission import Emission, emission
-from jaxraster.math.transform import from_opencv, look_at, orthographic, perspective
+from jaxraster.math.transform import look_at, orthographic, perspective
 from jaxraster.scene import Camera, Environment, Point, Spot
 from jaxraster.stack import stack_lights
 from jaxraster.visibility.project import project
@@ -392,8 +392,7 @@ POSE = look_at(jnp.array([3.0, 2.0, 1.0]), jnp.array([0.0, 1.0, -2.0]))
 def calibrated() -> Camera:
     """Skewed, off centre, and with pixels that are not square."""
     K = jnp.array([[11.0, 0.7, 4.0], [0.0, 9.0, 6.5], [0.0, 0.0, 1.0]])
-    pose, projection = from_opencv(K, POSE[:3, :3].T, jnp.array([0.1, 0.2, 0.3]), **SIZE)
-    return Camera(world_from_view=pose, clip_from_view=projection)
+    return Camera.from_opencv(K, POSE[:3, :3].T, jnp.array([0.1, 0.2, 0.3]), **SIZE)
 
 
 CAMERAS = {

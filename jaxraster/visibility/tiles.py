@@ -1,0 +1,45 @@
+"""Where pixels live while they are drawn: tile after tile, `[tiles + 1, 256]`.
+
+The last tile is for what belongs to no pixel; one that reaches beyond the picture holds pixels that nobody reads.
+"""
+
+import math
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Complex, Int
+
+TILE = 16  # pixels on a side: sorting a (tile, triangle) pair costs about as much as drawing its 256 pixels
+PIXELS = TILE * TILE
+FARTHEST = 0x007FFFFF  # bits just below those of the least normal float: a depth of 0 does not beat it
+NOBODY = 2**31 - 1  # the face id of background while drawing: any other is lower
+
+Ints = Int[Array, "*n"]
+
+
+def grid(height: int, width: int) -> tuple[int, int]:
+    """Tiles down and across."""
+    return math.ceil(height / TILE), math.ceil(width / TILE)
+
+
+def address(column: Ints, line: Ints, across: int) -> Ints:
+    """Where a pixel lies in the flattened tiles."""
+    return ((line // TILE) * across + column // TILE) * PIXELS + (line % TILE) * TILE + column % TILE
+
+
+def picture(tiles: Int[Array, "t 256"], height: int, width: int) -> Int[Array, "h w"]:
+    """Rows of pixels from tiles."""
+    down, across = grid(height, width)
+    lines = tiles[:-1].reshape(down, across, TILE, TILE).transpose(0, 2, 1, 3)
+    return lines.reshape(down * TILE, across * TILE)[:height, :width]
+
+
+def pair(near: Ints, id: Ints) -> Complex[Array, "*n"]:
+    """Depth bits and face id in one complex number: XLA would evaluate a test again for each array it selects from."""
+    return lax.complex(*(lax.bitcast_convert_type(value, jnp.float32) for value in (near, id)))
+
+
+def unpair(pixels: Complex[Array, "*n"]) -> tuple[Ints, Ints]:
+    """Depth bits and face id."""
+    near, id = (lax.bitcast_convert_type(part(pixels), jnp.int32) for part in (lax.real, lax.imag))
+    return near, id
