@@ -45,6 +45,7 @@ from .visibility.barycentric import interpolate as interpolate
 from .visibility.nvdiffrast import from_nvdiffrast as from_nvdiffrast
 from .visibility.nvdiffrast import to_nvdiffrast as to_nvdiffrast
 from .visibility.project import project as project
+from .visibility.raster import peel as peel
 from .visibility.raster import rasterize as rasterize
 
 __version__ = "0.1.0"

@@ -21,12 +21,14 @@ class Stats:
 class Visibility:
     """Which triangle each pixel sees: `face` (-1 for none), perspective-correct `barycentric`, reversed `depth`.
 
-    Depth is z/w in (0, 1], 1 at the near plane, and 0 where there is nothing.
+    Depth is z/w in (0, 1], 1 at the near plane, and 0 where there is nothing. `nearness` is what was compared to find
+    the nearest: the bits of the snapped triangle's depth, greater is nearer, 0 for nothing.
     """
 
     face: Int[Array, "*b h w"]
     barycentric: Float[Array, "*b h w 3"]
     depth: Float[Array, "*b h w"]
+    nearness: Int[Array, "*b h w"]
     stats: Stats
 
 

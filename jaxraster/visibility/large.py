@@ -79,7 +79,7 @@ def _pairs(rows, ends, before, window, height, width):
     return jnp.where(touched, line * across + column, -1), row
 
 
-def _draw_pair(pixels, row):
+def _draw_pair(pixels, ahead, row):
     """Pixels (depth bits, id) of tiles `[t, 16, 16]` after one triangle each, given by its pair's row `[t, 16]`."""
     c = [row[:, k, None, None] for k in range(_COLUMNS)]
     i = jnp.arange(TILE, dtype=jnp.int32)[None, None, :]
@@ -91,13 +91,16 @@ def _draw_pair(pixels, row):
     near = jnp.where((e[0] | e[1] | e[2]) >= 0, near, -1)
     here, id = unpair(pixels)
     wins = (near > here) | ((near == here) & (c[15] < id))
+    if ahead is not None:
+        near_ahead, id_ahead = unpair(ahead)
+        wins = wins & ((near < near_ahead) | ((near == near_ahead) & (c[15] > id_ahead)))
     return jnp.where(wins, pair(near, jnp.broadcast_to(c[15], near.shape)), pixels)
 
 
-def draw_large(pixels, rows, tiles, *, window: int, height: int, width: int):
+def draw_large(pixels, ahead, rows, tiles, *, window: int, height: int, width: int):
     """Draw packed triangles `rows`, each of which has `tiles` tiles in its box, into `pixels` `[t, 256]`.
 
-    `window` pairs are sorted at a time.
+    Only what lies behind the pixels `ahead` is drawn, unless they are None. `window` pairs are sorted at a time.
     """
     down, across = grid(height, width)
     num_tiles = down * across
@@ -138,10 +141,12 @@ def draw_large(pixels, rows, tiles, *, window: int, height: int, width: int):
             def draw(state):
                 rank, drawn, places = state
                 for place in places:
-                    drawn = _draw_pair(drawn, fetch(pair_rows, place))
+                    drawn = _draw_pair(drawn, hidden, fetch(pair_rows, place))
                 return rank + UNROLL, drawn, pairs_at(rank + UNROLL)
 
-            drawn = fetch(pixels, tile).reshape(batch, TILE, TILE)
+            drawn, hidden = (
+                None if source is None else fetch(source, tile).reshape(batch, TILE, TILE) for source in (pixels, ahead)
+            )
             state = (most * 0, drawn, pairs_at(most * 0))
             drawn = lax.while_loop(lambda state: state[0] < most, draw, state)[1]
             return place + batch, pixels.at[tile].set(drawn.reshape(batch, PIXELS), mode="promise_in_bounds")

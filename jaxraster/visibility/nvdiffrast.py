@@ -66,4 +66,6 @@ def from_nvdiffrast(rast: Float32[Array, "*b h w 4"]) -> Visibility:
     depth = jnp.where(face >= 0, jnp.maximum(0.5 * (1.0 - z), FARTHEST), 0.0)
     none = jnp.zeros(face.shape[:-2], jnp.int32)
     stats = Stats(non_finite=none, degenerate=none, out_of_range=none)
-    return Visibility(face=face, barycentric=jnp.stack([u, v, third], axis=-1), depth=depth, stats=stats)
+    nearness = lax.bitcast_convert_type(depth.astype(jnp.float32), jnp.int32)
+    weights = jnp.stack([u, v, third], axis=-1)
+    return Visibility(face=face, barycentric=weights, depth=depth, nearness=nearness, stats=stats)

@@ -26,7 +26,7 @@ from .clip import CORNERS, clip_polygon, plane_distances
 from .fixed_point import GUARD
 from .large import draw_large, pack
 from .small import draw_small
-from .tiles import FARTHEST, NOBODY, PIXELS, TILE, grid, pair, picture, unpair
+from .tiles import FARTHEST, NOBODY, PIXELS, TILE, grid, pair, picture, tiled, unpair
 from .triangle import boxes, screen, set_up, winding
 
 SMALL = 6  # pixels: boxes up to this many on a side are cheaper to visit than to sort into tiles
@@ -55,8 +55,11 @@ def _kinds(x, y, whole, crossing, sides, small, height, width):
     return jnp.where(crossing, CUT, jnp.where(drawn, kind, SKIPPED)), area
 
 
-def _nearest(clip, faces, sides, small, *, height, width, depth_only):
-    """Face id of each pixel's nearest triangle, -1 for none, or only its depth, 0 for none; and what was left out."""
+def _nearest(clip, faces, sides, small, *seen, height, width, depth_only):
+    """Nearness of each pixel's nearest triangle, 0 for none, its id, -1 for none, and what was left out.
+
+    Where another picture's nearness and face are given as `seen`, the nearest triangle behind that one.
+    """
     num_faces = faces.shape[0]
     guard_x, guard_y = 2.0 * GUARD / width, 2.0 * GUARD / height
 
@@ -124,17 +127,21 @@ def _nearest(clip, faces, sides, small, *, height, width, depth_only):
         tiles_across = triangle.right // TILE - triangle.left // TILE + 1
         tiles = jnp.where(drawn, tiles_across * (triangle.bottom // TILE - triangle.top // TILE + 1), 0)
         rows = pack(triangle, ids)
-        return index + 1, draw_large(pixels, rows, tiles, window=window, height=height, width=width)
+        return index + 1, draw_large(pixels, ahead, rows, tiles, window=window, height=height, width=width)
 
     def draw_large_ones(near, id):
         state = (groups * 0, pair(near, id))
         return unpair(lax.while_loop(lambda state: state[0] < groups, draw_group, state)[1])
 
+    ahead = pair(*map(tiled, seen)) if seen else None
+
     # Small triangles' depths first, then the large ones; small ones' ids last, when all depths are known.
     def draw_phase(phase, state):
         state = lax.cond(phase == 1, draw_large_ones, lambda *state: state, *state)
         last = jnp.where(phase == 1, 0, first_large) if depth_only else first_large
-        return draw_small(*state, phase == 1, corners, order, last, chunk=chunk, height=height, width=width)
+        near, id = state
+        sizes = {"chunk": chunk, "height": height, "width": width}
+        return draw_small(near, id, ahead, phase == 1, corners, order, last, **sizes)
 
     # Derive the first pixels from the input, so that a device-varying input makes device-varying loops.
     zero = groups * 0
@@ -145,11 +152,12 @@ def _nearest(clip, faces, sides, small, *, height, width, depth_only):
         degenerate=jnp.sum(face_whole & (area == 0), dtype=jnp.int32),
         out_of_range=jnp.sum(~exists, dtype=jnp.int32),
     )
+    near = picture(near, height, width)
+    near = jnp.where(near > FARTHEST, near, 0)
     if depth_only:
-        near = picture(near, height, width)
-        return jnp.where(near > FARTHEST, lax.bitcast_convert_type(near, jnp.float32), 0.0), stats
-    face = picture(id, height, width)
-    return jnp.where(face == NOBODY, -1, face), stats
+        return near, stats
+    id = picture(id, height, width)
+    return near, jnp.where(id == NOBODY, -1, id), stats
 
 
 @functools.cache
@@ -164,15 +172,15 @@ def _core(height: int, width: int, depth_only: bool = False):
 def _pictures(height: int, width: int, axes: int):
     """A picture of clip positions, or a batch with so many leading axes, compiled once."""
 
-    def draw(clip, faces, sides, small):
-        face, stats = _core(height, width)(lax.stop_gradient(clip), faces, sides, small)
+    def draw(clip, ahead, faces, sides, small):
+        nearness, face, stats = _core(height, width)(lax.stop_gradient(clip), faces, sides, small, *ahead)
         weights, depth = barycentric(clip, faces, face)
-        return Visibility(face=face, barycentric=weights, depth=depth, stats=stats)
+        return Visibility(face=face, barycentric=weights, depth=depth, nearness=nearness, stats=stats)
 
     if axes == 0:
         return draw
     for _ in range(axes):
-        draw = jax.vmap(draw, in_axes=(0, None, None, None))
+        draw = jax.vmap(draw, in_axes=(0, 0, None, None, None))
     return jax.jit(draw)
 
 
@@ -211,20 +219,45 @@ def rasterize(
         >>> rasterize(clip, jnp.array([[0, 1, 2]]), height=2, width=2).face.tolist()
         [[-1, -1], [0, -1]]
     """
-    fit("rasterize: clip", clip, Float[Array, "*b v 4"])
-    fit("rasterize: faces", faces, Int[Array, "f 3"])
-    below("rasterize: faces", faces, clip.shape[-2], "vertices")
     for name, size in (("height", height), ("width", width)):
         if type(size) is not int or size < 1:
             raise ValueError(f"rasterize: {name} must be a whole number of at least 1, got {size!r} (close over it)")
     if max(height, width) > 2 * GUARD:
         raise ValueError(f"rasterize: {width} x {height} pixels exceed {2 * GUARD} on a side; draw it in parts")
+    return _draw("rasterize", clip, faces, (), height, width, cull)
+
+
+def peel(clip: Float[Array, "*b v 4"], faces: Int[Array, "f 3"], visibility: Visibility, *, cull=None) -> Visibility:
+    """The next surface behind `visibility` at every pixel, which `rasterize` or this made of the same triangles.
+
+    Exactly the fragments that lost: each is found once, in order of depth, those of equal depth in order of their ids;
+    behind nothing there is nothing. Arguments, errors and gradients are those of `rasterize`.
+
+    Example:
+        >>> clip = jnp.array([[-1.0, -1, 0.5, 1], [3, -1, 0.5, 1], [-1, 3, 0.5, 1]])
+        >>> clip, faces = jnp.concatenate([clip, clip * 2]), jnp.array([[0, 1, 2], [3, 4, 5]])
+        >>> first = rasterize(clip, faces, height=1, width=1)
+        >>> second = peel(clip, faces, first)
+        >>> [int(layer.face[0, 0]) for layer in (first, second, peel(clip, faces, second))]
+        [0, 1, -1]
+    """
+    height, width = visibility.face.shape[-2:]
+    fit("peel: visibility.nearness", visibility.nearness, Int[Array, "*b h w"])
+    return _draw("peel", clip, faces, (visibility.nearness, visibility.face), height, width, cull)
+
+
+def _draw(name, clip, faces, ahead, height, width, cull):
+    """Check and draw, what is behind the pixels `ahead` (nearness, face) or all of it."""
+    fit(f"{name}: clip", clip, Float[Array, "*b v 4"])
+    fit(f"{name}: faces", faces, Int[Array, "f 3"])
+    below(f"{name}: faces", faces, clip.shape[-2], "vertices")
     clip, faces = jnp.asarray(clip), jnp.asarray(faces).astype(jnp.int32)
     if faces.shape[0] == 0 or clip.shape[-2] == 0:
         # Draw one invisible triangle: gathers from empty tables are not defined.
         clip = jnp.full((*clip.shape[:-2], 1, 4), jnp.nan, clip.dtype)
         faces, cull = jnp.zeros((1, 3), jnp.int32), None
-    return _pictures(height, width, clip.ndim - 2)(clip, faces, _sides(cull, faces.shape[0]), jnp.int32(SMALL))
+    sides = _sides(cull, faces.shape[0])
+    return _pictures(height, width, clip.ndim - 2)(clip, ahead, faces, sides, jnp.int32(SMALL))
 
 
 def rasterize_depth(
@@ -236,4 +269,5 @@ def rasterize_depth(
     """
     sides = jnp.zeros(faces.shape[0], jnp.int32)
     core = _core(height, width, depth_only=True)
-    return core(lax.stop_gradient(clip), faces.astype(jnp.int32), sides, jnp.int32(SMALL))[0]
+    nearness, _ = core(lax.stop_gradient(clip), faces.astype(jnp.int32), sides, jnp.int32(SMALL))
+    return lax.bitcast_convert_type(nearness, jnp.float32)

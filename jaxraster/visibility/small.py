@@ -8,15 +8,15 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..math.table import apart, fetch
-from .tiles import PIXELS, address, grid
+from .tiles import PIXELS, address, grid, unpair
 from .triangle import edges_at, nearness, set_up
 
 
-def draw_small(near, id, finding_ids, corners, order, last, *, chunk: int, height: int, width: int):
+def draw_small(near, id, ahead, finding_ids, corners, order, last, *, chunk: int, height: int, width: int):
     """Depth bits and ids `[t, 256]` after the faces `order[:last]`: depths, or, given all depths, ids.
 
-    `corners(ids)` gives snapped x, y and depth of faces. The visits follow the largest box of a chunk, so that faces
-    should come ordered by size.
+    Only what lies behind the pixels `ahead` is drawn, unless they are None. `corners(ids)` gives snapped x, y and depth
+    of faces. The visits follow the largest box of a chunk, so that faces should come ordered by size.
     """
     across, shape = grid(height, width)[1], near.shape
     lane = jnp.arange(chunk, dtype=jnp.int32)
@@ -27,7 +27,7 @@ def draw_small(near, id, finding_ids, corners, order, last, *, chunk: int, heigh
         ids = fetch(order, jnp.minimum(start + lane, last - 1))
         # Fetch apart from what is made of it: accesses fused with arithmetic keep that from vectors.
         points = apart(start < last, corners, ids)
-        triangle = apart(start < last, lambda *points: set_up(*points, height, width), *points)
+        triangle = apart(start < last, lambda x, y, depth: set_up(x, y, depth, height, width), *points)
         edges = edges_at(triangle, triangle.left, triangle.top, height, width)
         columns = jnp.where(start + lane < last, triangle.right - triangle.left + 1, 0)
         lines = jnp.where(start + lane < last, triangle.bottom - triangle.top + 1, 0)
@@ -43,7 +43,12 @@ def draw_small(near, id, finding_ids, corners, order, last, *, chunk: int, heigh
             for value, right, down in edges:
                 inside = inside & (value + right * i + down * j >= 0)
             value = nearness(*plane, (offset_x + i).astype(jnp.float32), (offset_y + j).astype(jnp.float32))
-            return jnp.where(inside, address(triangle.left + i, triangle.top + j, across), spare), value
+            place = jnp.where(inside, address(triangle.left + i, triangle.top + j, across), spare)
+            if ahead is not None:
+                near_ahead, id_ahead = unpair(fetch(ahead.reshape(-1), place))
+                behind = (value < near_ahead) | ((value == near_ahead) & (ids > id_ahead))
+                place = jnp.where(behind, place, spare)
+            return place, value
 
         # Visit the boxes' pixels one after the other; a loop of its own, or XLA repeats the above for each of them.
         def draw_depths(near, id):

@@ -34,6 +34,15 @@ def picture(tiles: Int[Array, "t 256"], height: int, width: int) -> Int[Array, "
     return lines.reshape(down * TILE, across * TILE)[:height, :width]
 
 
+def tiled(picture: Int[Array, "h w"]) -> Int[Array, "t 256"]:
+    """Tiles from rows of pixels; 0 where there are none."""
+    height, width = picture.shape
+    down, across = grid(height, width)
+    lines = jnp.pad(picture, ((0, down * TILE - height), (0, across * TILE - width)))
+    tiles = lines.reshape(down, TILE, across, TILE).transpose(0, 2, 1, 3).reshape(down * across, PIXELS)
+    return jnp.pad(tiles, ((0, 1), (0, 0)))
+
+
 def pair(near: Ints, id: Ints) -> Complex[Array, "*n"]:
     """Depth bits and face id in one complex number: XLA would evaluate a test again for each array it selects from."""
     return lax.complex(*(lax.bitcast_convert_type(value, jnp.float32) for value in (near, id)))

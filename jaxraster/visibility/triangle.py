@@ -81,10 +81,8 @@ def set_up(x: Corners, y: Corners, depth: tuple[Floats, Floats, Floats], height:
     # Turn counter-clockwise ones, then start from the farthest corner: rounding is the same whatever the order was, and
     # what is added to the least depth does not cancel.
     back = winding(x, y) < 0
-    corners = list(zip(x, y, depth))
-    corners[1], corners[2] = (
-        tuple(jnp.where(back, a, b) for a, b in zip(corners[p], corners[q])) for p, q in ((2, 1), (1, 2))
-    )
+    start, one, two = zip(x, y, depth)
+    corners = (start, *([jnp.where(back, a, b) for a, b in zip(*turned)] for turned in ((two, one), (one, two))))
 
     def before(p, q):
         level = (p[1] < q[1]) | ((p[1] == q[1]) & (p[0] < q[0]))

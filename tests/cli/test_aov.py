@@ -52,6 +52,7 @@ def frame() -> Frame:
             face=samples(FACE),
             barycentric=samples(RAMP),
             depth=samples(RAMP[..., 0]),
+            nearness=samples(FACE),
             stats=Stats(non_finite=jnp.int32(0), degenerate=jnp.int32(0), out_of_range=jnp.int32(0)),
         ),
     )

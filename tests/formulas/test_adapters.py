@@ -63,13 +63,15 @@ def test_from_opencv_is_the_pinhole(pixel_center, scale, dtype, atol):
 
 def test_calibrated_points_are_drawn_on_their_pixels():
     """Squares of 1.2 pixels about known points cover the pixels whose centres they hold, and no others."""
+    rng = np.random.default_rng(5)
     lens = np.array([[70.0, 1.5, 30.0], [0.0, 60.0, 25.0], [0.0, 0.0, 1.0]])
     camera = Camera.from_opencv(lens, R, T, **SIZE)
     column, row = np.meshgrid(np.arange(4, 64, 8), np.arange(4, 48, 8))
-    points = np.stack([column, row], axis=-1).reshape(-1, 1, 2) + RNG.uniform(-2, 2, (48, 1, 2))
+    # Odd 32nds of a pixel, so that no point lies where snapping could decide.
+    points = np.stack([column, row], axis=-1).reshape(-1, 1, 2) + (rng.integers(-32, 32, (48, 1, 2)) + 0.5) / 16
     pixels = points + np.array([(-0.6, -0.6), (0.6, -0.6), (0.6, 0.6), (-0.6, 0.6)])
     rays = np.concatenate([pixels, np.ones((48, 4, 1))], axis=-1) @ np.linalg.inv(lens).T
-    world = (rays * RNG.uniform(2, 20, (48, 1, 1)) - T) @ R
+    world = (rays * rng.uniform(2, 20, (48, 1, 1)) - T) @ R
     faces = (4 * np.arange(48)[:, None, None] + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3)
     clip = project(jnp.asarray(world.reshape(-1, 3), jnp.float32), camera, **SIZE)
     drawn = np.asarray(draw(clip, jnp.asarray(faces)).face) // 2
@@ -189,10 +191,12 @@ def made_up(*shape) -> Visibility:
     depth = 2.0 ** RNG.uniform(-40, 0, shape) * RNG.choice([1.0, 0.5], shape)
     depth.flat[:2] = 1.0
     none = jnp.zeros(shape[:-2], jnp.int32)
+    seen = np.where(face < 0, 0.0, depth).astype(np.float32)
     return Visibility(
         face=jnp.asarray(face, jnp.int32),
         barycentric=jnp.asarray(np.where(face[..., None] < 0, 0.0, weights), jnp.float32),
-        depth=jnp.asarray(np.where(face < 0, 0.0, depth), jnp.float32),
+        depth=jnp.asarray(seen),
+        nearness=jnp.asarray(seen.view(np.int32)),
         stats=Stats(non_finite=none, degenerate=none, out_of_range=none),
     )
 

@@ -21,4 +21,5 @@ def visible(clip, faces, face) -> Visibility:
     """The differentiable half of visibility, for given faces."""
     beta, depth = barycentric(clip, faces, face)
     stats = Stats(non_finite=jnp.int32(0), degenerate=jnp.int32(0), out_of_range=jnp.int32(0))
-    return Visibility(face=face, barycentric=beta, depth=depth, stats=stats)
+    nearness = jax.lax.bitcast_convert_type(depth.astype(jnp.float32), jnp.int32)
+    return Visibility(face=face, barycentric=beta, depth=depth, nearness=nearness, stats=stats)
