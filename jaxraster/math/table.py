@@ -23,8 +23,10 @@ def apart(always: Bool[Array, ""], function: Callable, *arguments):
     compiler cannot see through. Not for what is differentiated.
     """
     shapes = jax.eval_shape(function, *arguments)
+    # Derive the zeros from the data: under `shard_map` both branches must vary over devices alike.
+    zero = always.astype(jnp.int32) * 0
 
     def never(*_):
-        return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype), shapes)
+        return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype) + zero.astype(value.dtype), shapes)
 
     return lax.cond(always, function, never, *arguments)

@@ -91,7 +91,8 @@ def _nearest(clip, faces, sides, small, *seen, height, width, depth_only):
 
     chunk = _power_of_two(num_faces // 8, 256, CHUNK)
     down, across = grid(height, width)
-    group = _power_of_two(num_faces, FAN, GROUP)
+    # A group's pairs of a triangle and a tile are counted in 31 bits.
+    group = max(FAN, min(_power_of_two(num_faces, FAN, GROUP), 2**30 // (down * across)))
     polygons = max(1, min(POLYGONS, group // FAN))
     window = _power_of_two(max(3 * min(num_faces, GROUP), 4 * down * across), 4096, WINDOW)
     window = min(window, 2 ** (30 - (down * across).bit_length()))

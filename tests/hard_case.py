@@ -1,0 +1,195 @@
+"""The hard cases: what provokes each, what is promised, and the test that holds it.
+
+Tests written for a case carry `@case`; others held theirs already and are listed in `ELSEWHERE`. Cases R are the
+rasterizer's; cases I are invariances, of it or of the whole picture. `python -m tests.hard_case` writes their page.
+"""
+
+import ast
+import functools
+import pathlib
+from collections.abc import Callable
+
+ROOT = pathlib.Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "hard-cases.md"
+HEAD = """# Hard cases
+
+Inputs that break renderers, what is promised for each, and the test that holds it. R are the rasterizer's, I are
+invariances. Written by `python -m tests.hard_case` from the tests themselves.
+
+| id | input that provokes it | what is promised | test |
+|---|---|---|---|
+"""
+NOT_BUILT = "not built yet"
+RASTER, EXACT, CLIPPING, LIMITS = (
+    f"tests/stages/{name}.py"
+    for name in ("test_raster", "test_raster_exact", "test_raster_clipping", "test_raster_limits")
+)
+HARD, LIGHT, PLAN = "tests/gradients/test_hard_visibility.py", "tests/stages/test_light.py", "tests/laws/test_plan.py"
+ONE_OWNER = "every sample has exactly one owner"
+ELSEWHERE = [  # id, input, promise, test
+    ("R1", "a quad whose diagonal passes through samples", ONE_OWNER, f"{RASTER}::test_drtk_quad_has_no_hole"),
+    ("R2", "fans with their rim at up to 1e7 px", ONE_OWNER, f"{RASTER}::test_closed_fan_covers_every_pixel_once"),
+    ("R2", "a fan with its rim at infinity", ONE_OWNER, f"{CLIPPING}::test_a_fan_to_infinity_covers_every_pixel_once"),
+    (
+        "R3",
+        "the five fill-rule cases of conformance suites, at many angles",
+        ONE_OWNER,
+        f"{EXACT}::test_quad_covers_every_pixel_once",
+    ),
+    (
+        "R4",
+        "corners beside, behind and in the plane of the camera",
+        "what lies before the near plane is drawn, and nothing else",
+        f"{CLIPPING}::test_triangles_about_the_camera_equal_what_is_cut_beforehand",
+    ),
+    (
+        "R5",
+        "sheets through the near plane, at a thousand angles",
+        "no crack and no pixel twice",
+        f"{CLIPPING}::test_neighbours_cut_by_the_same_plane_leave_no_crack_at_a_thousand_angles",
+    ),
+    (
+        "R5",
+        "triangles in the near plane",
+        "seen whole, at depth 1",
+        f"{CLIPPING}::test_triangles_in_the_near_plane_are_seen_whole",
+    ),
+    (
+        "R7",
+        "a vertex that is NaN, infinite or too large",
+        "its triangles are left out and counted; no other pixel changes",
+        f"{RASTER}::test_broken_triangle_changes_nothing_and_is_counted",
+    ),
+    ("R7", "such a vertex of no face", "nothing changes", f"{RASTER}::test_unreferenced_broken_vertex_changes_nothing"),
+    (
+        "R7",
+        "the gradients beside such a vertex",
+        "finite, as they are without it",
+        f"{HARD}::test_a_broken_triangle_leaks_into_no_gradient",
+    ),
+    (
+        "R9",
+        "triangles of equal depth, ten copies of each",
+        "the lowest id is seen",
+        f"{EXACT}::test_exact_ties_go_to_the_lowest_id",
+    ),
+    (
+        "R10",
+        "planes 4 ulp of depth apart, at distances from 1 to 900",
+        "the nearer is seen on every pixel",
+        f"{LIMITS}::test_planes_parallel_to_the_screen_four_ulp_apart_are_ordered",
+    ),
+    (
+        "R14",
+        "a million triangles in one pixel",
+        "the nearest is seen: nothing overflows",
+        f"{LIMITS}::test_a_million_triangles_in_one_pixel",
+    ),
+    (
+        "R15",
+        "no faces, no vertices, pictures of one pixel, row or column",
+        "a picture of the background, or the triangle",
+        f"{RASTER}::test_odd_sizes_and_empty_scenes",
+    ),
+    (
+        "R17",
+        "corners and edges on pixel centres and borders",
+        "as integers decide it for every pixel of every box",
+        f"{EXACT}::test_each_path_equals_the_integer_twin",
+    ),
+    (
+        "R18",
+        "triangles beyond the border, in one of several pictures",
+        "each picture is as if drawn alone",
+        f"{RASTER}::test_batches_equal_one_by_one",
+    ),
+    (
+        "R20",
+        "a vertex on a pixel's centre, with up to 1024 triangles",
+        ONE_OWNER,
+        f"{EXACT}::test_closed_fan_about_a_pixel_centre_covers_every_pixel_once",
+    ),
+    ("R21", "a triangle seen edge-on, where silhouettes are smoothed", "gradients are finite and bounded", NOT_BUILT),
+    (
+        "I1",
+        "a picture drawn inside and outside of `jit`",
+        "the same faces, floats to rounding",
+        f"{PLAN}::test_jit_sees_the_same_triangles",
+    ),
+    (
+        "I2",
+        "faces and vertices in another order",
+        "the same bits, under the new ids",
+        f"{EXACT}::test_order_of_faces_vertices_and_corners_changes_no_bit",
+    ),
+    (
+        "I3",
+        "corners of a face named in another order",
+        "the same faces, weights in that order",
+        f"{EXACT}::test_order_of_faces_vertices_and_corners_changes_no_bit",
+    ),
+    (
+        "I4",
+        "clip positions scaled by 2^±40",
+        "the same bits",
+        f"{RASTER}::test_scaling_by_powers_of_two_changes_no_bit",
+    ),
+    ("I7", "a batch", "its pictures one by one", f"{RASTER}::test_batches_equal_one_by_one"),
+    ("I7", "one picture drawn by several devices", "the same bits", NOT_BUILT),
+    ("I9", "every triangle ten times", "the same faces", f"{EXACT}::test_exact_ties_go_to_the_lowest_id"),
+    (
+        "I11",
+        "many lights",
+        "the sum of each alone, within 4 ulp",
+        f"{LIGHT}::test_many_lights_are_the_sum_of_each",
+    ),
+    ("I12", "a closed white world, by reflections on the screen and by paths", "1 everywhere", NOT_BUILT),
+]
+
+
+def case(id: str, provoked: str, promise: str) -> Callable[[Callable], Callable]:
+    """Says which hard case a test holds, in literals, for they are read from the source."""
+    assert id and provoked and promise
+    return lambda test: test
+
+
+def decorated() -> list[tuple[str, str, str, str]]:
+    """What the tests in `tests/hard_cases` say of themselves: id, input, promise, test."""
+    rows = []
+    for path in sorted((ROOT / "tests" / "hard_cases").glob("test_*.py")):
+        for node in ast.parse(path.read_text()).body:
+            for mark in getattr(node, "decorator_list", []):
+                if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "case":
+                    words = (ast.literal_eval(word) for word in mark.args)
+                    rows.append((*words, f"{path.relative_to(ROOT)}::{node.name}"))
+    return rows
+
+
+@functools.cache
+def _functions(file: str) -> set[str]:
+    """Names of the functions of a file, none where there is no such file."""
+    path = ROOT / file
+    body = ast.parse(path.read_text()).body if path.exists() else []
+    return {node.name for node in body if isinstance(node, ast.FunctionDef)}
+
+
+def missing(tests: list[str]) -> list[str]:
+    """Which of the tests, `file::function`, do not exist."""
+    return [test for test in tests if test.split("::")[1] not in _functions(test.split("::")[0])]
+
+
+def rows() -> list[tuple[str, str, str, str]]:
+    """All cases, by id."""
+    return sorted(ELSEWHERE + decorated(), key=lambda row: (row[0][0] == "I", int(row[0][1:])))
+
+
+def page() -> str:
+    """docs/hard-cases.md."""
+    lines = []
+    for id, provoked, promise, test in rows():
+        lines.append(f"| {id} | {provoked} | {promise} | {test if test == NOT_BUILT else f'`{test}`'} |\n")
+    return HEAD + "".join(lines)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())
