@@ -8,6 +8,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Int
 
+from .table import fetch
+
 RUN = 16  # elements of a run: few enough for BITS to count them, many enough that the sums of runs are few
 BITS = 5
 KINDS = 6  # counters of that many bits share an integer
@@ -58,7 +60,7 @@ def partition(kind: Int[Array, " n"]) -> tuple[Int[Array, " n"], Int[Array, " k"
     totals = ((total[None, :] >> shifts[:, None]) & (2**BITS - 1)).reshape(-1)
     ends = running_sum(totals)
     runs, index = total.shape[0], jnp.arange(num, dtype=jnp.int32)
-    base = (ends - totals).at[jnp.where(counted, kind, 0) * runs + index // RUN].get(mode="promise_in_bounds")
+    base = fetch(ends - totals, jnp.where(counted, kind, 0) * runs + index // RUN)
     place = jnp.where(counted, base + ((before >> shift) & (2**BITS - 1)), num)
     order = jnp.zeros(num + 1, jnp.int32).at[place].set(index, mode="promise_in_bounds")[:num]
     return order, jnp.concatenate([(ends - totals)[::runs], ends[-1:]])

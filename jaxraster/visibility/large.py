@@ -11,7 +11,7 @@ from jaxtyping import Array, Int
 
 from ..math.scan import running_sum
 from ..math.table import fetch
-from .tiles import PIXELS, TILE, grid, pair, unpair
+from .tiles import PIXELS, TILE, grid, in_front, pair, span, unpair
 from .triangle import Triangle, edges_at, nearness
 
 TILES = 128  # tiles drawn side by side
@@ -62,7 +62,7 @@ def _pairs(rows, ends, before, window, height, width):
     index = jnp.minimum(running_sum(marks) + jnp.sum(place < 0, dtype=jnp.int32), rows.shape[0] - 1)
     triangle, ids = _unpack(fetch(rows, index))
     first_column, first_line = triangle.left // TILE, triangle.top // TILE
-    tiles_across = triangle.right // TILE - first_column + 1
+    tiles_across = span(triangle.left, triangle.right)
     within = window - fetch(before, index)
     column, line = first_column + within % tiles_across, first_line + within // tiles_across
     edges = edges_at(triangle, column * TILE, line * TILE, height, width)
@@ -90,10 +90,9 @@ def _draw_pair(pixels, ahead, row):
     near = nearness(depth, slope_x, slope_y, c[13], c[14], right.astype(jnp.float32), down.astype(jnp.float32))
     near = jnp.where((e[0] | e[1] | e[2]) >= 0, near, -1)
     here, id = unpair(pixels)
-    wins = (near > here) | ((near == here) & (c[15] < id))
+    wins = in_front(near, c[15], here, id)
     if ahead is not None:
-        near_ahead, id_ahead = unpair(ahead)
-        wins = wins & ((near < near_ahead) | ((near == near_ahead) & (c[15] > id_ahead)))
+        wins = wins & in_front(*unpair(ahead), near, c[15])
     return jnp.where(wins, pair(near, jnp.broadcast_to(c[15], near.shape)), pixels)
 
 

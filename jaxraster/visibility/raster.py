@@ -26,7 +26,7 @@ from .clip import CORNERS, clip_polygon, plane_distances
 from .fixed_point import GUARD
 from .large import draw_large, pack
 from .small import draw_small
-from .tiles import FARTHEST, NOBODY, PIXELS, TILE, grid, pair, picture, tiled, unpair
+from .tiles import FARTHEST, NOBODY, PIXELS, grid, pair, picture, span, tiled, unpair
 from .triangle import boxes, screen, set_up, winding
 
 SMALL = 6  # pixels: boxes up to this many on a side are cheaper to visit than to sort into tiles
@@ -125,8 +125,7 @@ def _nearest(clip, faces, sides, small, *seen, height, width, depth_only):
         triangle = set_up(x, y, depth, height, width)
         drawn = drawn & (area != 0) & (area * fetch(sides, ids) <= 0)
         drawn = drawn & (triangle.left <= triangle.right) & (triangle.top <= triangle.bottom)
-        tiles_across = triangle.right // TILE - triangle.left // TILE + 1
-        tiles = jnp.where(drawn, tiles_across * (triangle.bottom // TILE - triangle.top // TILE + 1), 0)
+        tiles = jnp.where(drawn, span(triangle.left, triangle.right) * span(triangle.top, triangle.bottom), 0)
         rows = pack(triangle, ids)
         return index + 1, draw_large(pixels, ahead, rows, tiles, window=window, height=height, width=width)
 
@@ -185,14 +184,14 @@ def _pictures(height: int, width: int, axes: int):
     return jax.jit(draw)
 
 
-def _sides(cull, num_faces):
+def _sides(name, cull, num_faces):
     """`cull` as a number per face: 1 drops its back, -1 its front, 0 neither."""
     if cull is None or isinstance(cull, str):
         names = {None: 0, "back": 1, "front": -1}
         if cull not in names:
-            raise ValueError(f"rasterize: cull must be None, 'back', 'front' or a bool array [f], got {cull!r}")
+            raise ValueError(f"{name}: cull must be None, 'back', 'front' or a bool array [f], got {cull!r}")
         return jnp.full((num_faces,), names[cull], jnp.int32)
-    fit("rasterize: cull", cull, Bool[Array, " f"], {"f": num_faces})
+    fit(f"{name}: cull", cull, Bool[Array, " f"], {"f": num_faces})
     return jnp.asarray(cull).astype(jnp.int32)
 
 
@@ -257,7 +256,7 @@ def _draw(name, clip, faces, ahead, height, width, cull):
         # Draw one invisible triangle: gathers from empty tables are not defined.
         clip = jnp.full((*clip.shape[:-2], 1, 4), jnp.nan, clip.dtype)
         faces, cull = jnp.zeros((1, 3), jnp.int32), None
-    sides = _sides(cull, faces.shape[0])
+    sides = _sides(name, cull, faces.shape[0])
     return _pictures(height, width, clip.ndim - 2)(clip, ahead, faces, sides, jnp.int32(SMALL))
 
 

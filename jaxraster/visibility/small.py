@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..math.table import apart, fetch
-from .tiles import PIXELS, address, grid, unpair
+from .tiles import PIXELS, address, grid, in_front, unpair
 from .triangle import edges_at, nearness, set_up
 
 
@@ -45,9 +45,7 @@ def draw_small(near, id, ahead, finding_ids, corners, order, last, *, chunk: int
             value = nearness(*plane, (offset_x + i).astype(jnp.float32), (offset_y + j).astype(jnp.float32))
             place = jnp.where(inside, address(triangle.left + i, triangle.top + j, across), spare)
             if ahead is not None:
-                near_ahead, id_ahead = unpair(fetch(ahead.reshape(-1), place))
-                behind = (value < near_ahead) | ((value == near_ahead) & (ids > id_ahead))
-                place = jnp.where(behind, place, spare)
+                place = jnp.where(in_front(*unpair(fetch(ahead.reshape(-1), place)), value, ids), place, spare)
             return place, value
 
         # Visit the boxes' pixels one after the other; a loop of its own, or XLA repeats the above for each of them.

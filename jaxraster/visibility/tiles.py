@@ -7,7 +7,7 @@ import math
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Complex, Int
+from jaxtyping import Array, Bool, Complex, Int
 
 TILE = 16  # pixels on a side: sorting a (tile, triangle) pair costs about as much as drawing its 256 pixels
 PIXELS = TILE * TILE
@@ -15,11 +15,22 @@ FARTHEST = 0x007FFFFF  # bits just below those of the least normal float: a dept
 NOBODY = 2**31 - 1  # the face id of background while drawing: any other is lower
 
 Ints = Int[Array, "*n"]
+Each = Int[Array, "..."]  # of shapes that broadcast
 
 
 def grid(height: int, width: int) -> tuple[int, int]:
     """Tiles down and across."""
     return math.ceil(height / TILE), math.ceil(width / TILE)
+
+
+def span(first: Ints, last: Ints) -> Ints:
+    """How many tiles hold the pixels from the first to the last of a line or column."""
+    return last // TILE - first // TILE + 1
+
+
+def in_front(near: Each, id: Each, other_near: Each, other_id: Each) -> Bool[Array, "..."]:
+    """Whether a fragment hides another: it is nearer, or as near and of the lower face."""
+    return (near > other_near) | ((near == other_near) & (id < other_id))
 
 
 def address(column: Ints, line: Ints, across: int) -> Ints:

@@ -104,8 +104,8 @@ def set_up(x: Corners, y: Corners, depth: tuple[Floats, Floats, Floats], height:
     rise1, rise2 = (d1 - d0) * inverse_area, (d2 - d0) * inverse_area
     at1 = to_float(edge(x[2], y[2], x[0], y[0], px, py))
     at2 = to_float(edge(x[0], y[0], x[1], y[1], px, py))
-    step = [(jnp.subtract(a, b) * SUBPIXELS).astype(jnp.float32) for a, b in ((y[2], y[0]), (y[0], y[1]))]
-    step += [(jnp.subtract(a, b) * SUBPIXELS).astype(jnp.float32) for a, b in ((x[0], x[2]), (x[1], x[0]))]
+    differences = (y[2] - y[0], y[0] - y[1], x[0] - x[2], x[1] - x[0])
+    step = [(difference * SUBPIXELS).astype(jnp.float32) for difference in differences]
 
     def bits(value):
         return lax.bitcast_convert_type(jnp.maximum(value, 0.0), jnp.int32)
