@@ -21,7 +21,7 @@ from ..math.table import apart, fetch
 LIMIT = 1.844e18  # a tenth of √FLT_MAX: sums of products of two such coordinates stay below what float32 holds
 
 EXPONENT = 0x7F800000  # the bits of a float32 that are its power of two
-BAND = 2**16  # pixels evaluated together: enough for two threads, few enough for temporaries to stay in the cache
+NOTHING = -1.0  # a weight where there is no face
 
 
 def rows(table: Float[Array, "f n"], face: Int[Array, "*b"], background: Float[Array, " n"]) -> Float[Array, "*b n"]:
@@ -71,7 +71,7 @@ def _formula(clip, faces, face):
 
 
 def _evaluate(clip, faces, face):
-    """`barycentric` as a processor likes it: one access per number, in bands whose arrays stay near it."""
+    """`barycentric` as a processor likes it: one access per number, all of a pixel's in one loop."""
     height, width = face.shape
     # Scale by a power of two, so that huge and tiny scenes keep their products inside float32's range.
     usable = jnp.all(jnp.abs(clip) < LIMIT, axis=-1, keepdims=True)
@@ -80,40 +80,40 @@ def _evaluate(clip, faces, face):
     scale = lax.bitcast_convert_type(lax.bitcast_convert_type(largest, jnp.int32) & EXPONENT, jnp.float32)
     clip = clip / scale.astype(clip.dtype)
     corners = clip[faces].reshape(-1, 12)
-    lines = min(height, max(1, BAND // width))
-    bands = -(-height // lines)
-    padded = jnp.pad(face, ((0, bands * lines - height), (0, 0)), constant_values=-1)
 
     def corner(index, component):
         return [corners.at[index, 4 * i + component].get(mode="promise_in_bounds") for i in range(3)]
 
-    def band(number):
-        seen = lax.dynamic_slice_in_dim(padded, number * lines, lines)
-        index = jnp.maximum(seen, 0)
-        x, y, w = (corner(index, component) for component in (0, 1, 3))
-        line = number * lines + jnp.arange(lines, dtype=jnp.int32)
-        _, _, e = _products(x, y, w, jnp.arange(width, dtype=jnp.int32)[None, :], line[:, None], height, width)
+    def weigh(face):
+        x, y, w = (corner(jnp.maximum(face, 0), component) for component in (0, 1, 3))
+        column, line = jnp.arange(width, dtype=jnp.int32)[None, :], jnp.arange(height, dtype=jnp.int32)[:, None]
+        _, _, e = _products(x, y, w, column, line, height, width)
         sign = jnp.where(e[0] + e[1] + e[2] < 0, -1.0, 1.0)
         e = [jnp.maximum(sign * v, 0.0) for v in e]
         total = e[0] + e[1] + e[2]
         total = jnp.where(total > 0, total, 1.0)
         # Two numbers in one: XLA would evaluate all this again for each array.
-        return lax.complex(e[1] / total, e[2] / total)
+        return lax.complex(jnp.where(face >= 0, e[1] / total, NOTHING), jnp.where(face >= 0, e[2] / total, 0.0))
 
-    beta = lax.map(band, jnp.arange(bands, dtype=jnp.int32)).reshape(-1, width)[:height]
-    seen, beta1, beta2 = face >= 0, jnp.real(beta), jnp.imag(beta)
-    index = jnp.maximum(face, 0)
-    beta0 = jnp.maximum(1.0 - beta1 - beta2, 0.0)
-    z, w = (beta0 * c[0] + beta1 * c[1] + beta2 * c[2] for c in (corner(index, 2), corner(index, 3)))
+    beta = apart(face[0, 0] >= -1, weigh, face)
+
+    # Select each weight by its place: a stack would read its parts from memory twice.
+    def weight(place, beta):
+        beta1, beta2 = jnp.real(beta), jnp.imag(beta)
+        beta0 = jnp.where(beta1 < 0, 0.0, jnp.maximum(1.0 - beta1 - beta2, 0.0))
+        return jnp.where(place == 0, beta0, jnp.where(place == 1, jnp.maximum(beta1, 0.0), beta2))
+
+    weights = weight(jnp.arange(3, dtype=jnp.int32)[None, None, :], beta[..., None])
+    index, parts = jnp.maximum(face, 0), [weight(place, beta) for place in range(3)]
+    z, w = (sum(part * value for part, value in zip(parts, corner(index, component))) for component in (2, 3))
     # Rounding must not take what is seen out of (0, 1].
     depth = jnp.clip(jnp.where(w > 0, z / jnp.where(w > 0, w, 1.0), 1.0), safe.TINY, 1.0)
-    weights = jnp.stack([beta0, beta1, beta2], axis=-1)
-    return jnp.where(seen[..., None], weights, 0.0), jnp.where(seen, depth, 0.0)
+    return weights, jnp.where(face >= 0, depth, 0.0)
 
 
 # Compiled apart, and one by one under `vmap`: the same bits in any program, and no batch of temporaries.
 _evaluate_apart = jax.custom_batching.sequential_vmap(
-    jax.jit(lambda clip, faces, face: apart(jnp.max(face) >= -1, _evaluate, clip, faces, face))
+    jax.jit(lambda clip, faces, face: apart(face[0, 0] >= -1, _evaluate, clip, faces, face))
 )
 
 

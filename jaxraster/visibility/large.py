@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from ..math.scan import running_sum
-from ..math.table import fetch
+from ..math.table import apart, fetch
 from .tiles import PIXELS, TILE, grid, in_front, pair, span, unpair
 from .triangle import Triangle, edges_at, nearness
 
@@ -61,10 +61,14 @@ def _pairs(rows, ends, before, window, height, width):
     marks = jnp.zeros_like(window).at[jnp.where(counted, place, window.shape[0])].add(1, mode="drop")
     index = jnp.minimum(running_sum(marks) + jnp.sum(place < 0, dtype=jnp.int32), rows.shape[0] - 1)
     triangle, ids = _unpack(fetch(rows, index))
-    first_column, first_line = triangle.left // TILE, triangle.top // TILE
-    tiles_across = span(triangle.left, triangle.right)
-    within = window - fetch(before, index)
-    column, line = first_column + within % tiles_across, first_line + within // tiles_across
+
+    def tile_of(triangle, before):
+        tiles_across, within = span(triangle.left, triangle.right), window - before
+        line = within // tiles_across
+        return triangle.left // TILE + (within - line * tiles_across), triangle.top // TILE + line
+
+    # Divide once: XLA would do it again for each of the numbers below.
+    column, line = apart(window[0] < ends[-1], tile_of, triangle, fetch(before, index))
     edges = edges_at(triangle, column * TILE, line * TILE, height, width)
     # Leave out tiles that lie outside of an edge even where it is farthest inside.
     touched = window < ends[-1]

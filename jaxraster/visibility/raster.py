@@ -94,7 +94,7 @@ def _nearest(clip, faces, sides, small, *seen, height, width, depth_only):
     # A group's pairs of a triangle and a tile are counted in 31 bits.
     group = max(FAN, min(_power_of_two(num_faces, FAN, GROUP), 2**30 // (down * across)))
     polygons = max(1, min(POLYGONS, group // FAN))
-    window = _power_of_two(max(3 * min(num_faces, GROUP), 4 * down * across), 4096, WINDOW)
+    window = _power_of_two(max(3 * min(num_faces, GROUP), 4 * down * across), 2048, WINDOW)
     window = min(window, 2 ** (30 - (down * across).bit_length()))
     whole_groups = (first_cut - first_large + group - 1) // group
     groups = whole_groups + (end - first_cut + polygons - 1) // polygons
@@ -122,42 +122,43 @@ def _nearest(clip, faces, sides, small, *seen, height, width, depth_only):
         index, pixels = state
         (x, y, depth), ids, drawn = lax.cond(index < whole_groups, whole_group, cut_group, index)
         area = winding(x, y)
-        triangle = set_up(x, y, depth, height, width)
+        triangle = set_up(index < groups, x, y, depth, height, width)
         drawn = drawn & (area != 0) & (area * fetch(sides, ids) <= 0)
         drawn = drawn & (triangle.left <= triangle.right) & (triangle.top <= triangle.bottom)
         tiles = jnp.where(drawn, span(triangle.left, triangle.right) * span(triangle.top, triangle.bottom), 0)
         rows = pack(triangle, ids)
         return index + 1, draw_large(pixels, ahead, rows, tiles, window=window, height=height, width=width)
 
-    def draw_large_ones(near, id):
-        state = (groups * 0, pair(near, id))
-        return unpair(lax.while_loop(lambda state: state[0] < groups, draw_group, state)[1])
-
-    ahead = pair(*map(tiled, seen)) if seen else None
-
-    # Small triangles' depths first, then the large ones; small ones' ids last, when all depths are known.
-    def draw_phase(phase, state):
-        state = lax.cond(phase == 1, draw_large_ones, lambda *state: state, *state)
-        last = jnp.where(phase == 1, 0, first_large) if depth_only else first_large
-        near, id = state
-        sizes = {"chunk": chunk, "height": height, "width": width}
-        return draw_small(near, id, ahead, phase == 1, corners, order, last, **sizes)
-
     # Derive the first pixels from the input, so that a device-varying input makes device-varying loops.
     zero = groups * 0
-    nothing = tuple(jnp.full((down * across + 1, PIXELS), value, jnp.int32) + zero for value in (FARTHEST, NOBODY))
-    near, id = lax.fori_loop(zero, zero + 2, draw_phase, nothing)
+    ahead = pair(*map(tiled, seen)) if seen else None
+    near, id = (jnp.full((down * across + 1, PIXELS), value, jnp.int32) + zero for value in (FARTHEST, NOBODY))
+    pixels = lax.while_loop(lambda state: state[0] < groups, draw_group, (zero, pair(near, id)))[1]
+
+    large_near, large_id = (picture(part, height, width) for part in unpair(pixels))
+
+    # Small triangles' depths first; their ids when all depths are known, and instead of those that they hid.
+    def draw_phase(phase, state):
+        near, id = state
+        last = jnp.where(phase == 1, 0, first_large) if depth_only else first_large
+        drawn = lax.cond(phase == 1, lambda: jnp.where(near == large_near, id, NOBODY), lambda: near)
+        drawn = draw_small(drawn, near, seen, phase == 1, corners, order, last, chunk=chunk)
+        return lax.cond(phase == 1, lambda: (near, drawn), lambda: (drawn, id))
+
+    def finish(near, id):
+        return jnp.where(near > FARTHEST, near, 0), jnp.where(id == NOBODY, -1, id)
+
+    near, id = lax.cond(
+        first_large > 0,
+        lambda: finish(*lax.fori_loop(zero, zero + 2, draw_phase, (large_near, large_id))),
+        lambda: finish(large_near, large_id),
+    )
     stats = Stats(
         non_finite=jnp.sum((states == 0) & exists, dtype=jnp.int32),
         degenerate=jnp.sum(face_whole & (area == 0), dtype=jnp.int32),
         out_of_range=jnp.sum(~exists, dtype=jnp.int32),
     )
-    near = picture(near, height, width)
-    near = jnp.where(near > FARTHEST, near, 0)
-    if depth_only:
-        return near, stats
-    id = picture(id, height, width)
-    return near, jnp.where(id == NOBODY, -1, id), stats
+    return (near, stats) if depth_only else (near, id, stats)
 
 
 @functools.cache

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
+from ..math.table import apart
 from .fixed_point import SUBPIXELS, edge, pixels_inside, sign, snap, to_float
 
 Ints = Int[Array, " n"]
@@ -76,32 +77,44 @@ def position(pixel: Ints, size: int) -> Ints:
     return pixel * SUBPIXELS - (size - 1) * (SUBPIXELS // 2)
 
 
-def set_up(x: Corners, y: Corners, depth: tuple[Floats, Floats, Floats], height: int, width: int) -> Triangle:
-    """Triangles of snapped corners that have an area."""
-    # Turn counter-clockwise ones, then start from the farthest corner: rounding is the same whatever the order was, and
+def _turn(x: Corners, y: Corners, depth: tuple[Floats, Floats, Floats]) -> tuple[Ints, Ints]:
+    """Which corner is the farthest, highest, leftmost one, and the winding."""
+
+    def before(i, j):
+        level = (y[i] < y[j]) | ((y[i] == y[j]) & (x[i] < x[j]))
+        return (depth[i] < depth[j]) | ((depth[i] == depth[j]) & level)
+
+    first = jnp.where(before(1, 0), jnp.where(before(2, 1), 2, 1), jnp.where(before(2, 0), 2, 0))
+    return first, winding(x, y)
+
+
+def _plane(x: Corners, y: Corners, depth: tuple[Floats, Floats, Floats], turn: tuple[Ints, Ints]):
+    """Corners clockwise from the first one on, and the rise of depth to the other two for each unit of area."""
+    first, side = turn
+
+    def corner(values, step):
+        step = jnp.where(side < 0, 3 - step, step)
+        place = first + step
+        place = jnp.where(place >= 3, place - 3, place)
+        return jnp.where(place == 0, values[0], jnp.where(place == 1, values[1], values[2]))
+
+    x, y, depth = (tuple(corner(values, step) for step in range(3)) for values in (x, y, depth))
+    inverse_area = 1.0 / to_float(edge(x[0], y[0], x[1], y[1], x[2], y[2]))
+    return x, y, depth, ((depth[1] - depth[0]) * inverse_area, (depth[2] - depth[0]) * inverse_area)
+
+
+def set_up(
+    always: Bool[Array, ""], x: Corners, y: Corners, depth: tuple[Floats, Floats, Floats], height: int, width: int
+) -> Triangle:
+    """Triangles of snapped corners that have an area. `always` is a condition as `apart` needs one."""
+    left, right, top, bottom = boxes(x, y, height, width)
+    # Turn counter-clockwise ones, and start from the farthest corner: rounding is the same whatever the order was, and
     # what is added to the least depth does not cancel.
-    back = winding(x, y) < 0
-    start, one, two = zip(x, y, depth)
-    corners = (start, *([jnp.where(back, a, b) for a, b in zip(*turned)] for turned in ((two, one), (one, two))))
-
-    def before(p, q):
-        level = (p[1] < q[1]) | ((p[1] == q[1]) & (p[0] < q[0]))
-        return (p[2] < q[2]) | ((p[2] == q[2]) & level)
-
-    second = before(corners[1], corners[0]) & before(corners[1], corners[2])
-    third = before(corners[2], corners[0]) & before(corners[2], corners[1])
-    order = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-    corners = [
-        tuple(jnp.where(second, b, jnp.where(third, c, a)) for a, b, c in zip(*(corners[i] for i in turn)))
-        for turn in order
-    ]
-    x, y, (d0, d1, d2) = zip(*corners)
+    turn = apart(always, _turn, x, y, depth)
+    x, y, (d0, d1, d2), (rise1, rise2) = apart(always, _plane, x, y, depth, turn)
 
     # Span the plane by differences, which are exactly 0 for one parallel to the screen.
-    left, right, top, bottom = boxes(x, y, height, width)
     px, py = position((left + right) >> 1, width), position((top + bottom) >> 1, height)
-    inverse_area = 1.0 / to_float(edge(x[0], y[0], x[1], y[1], x[2], y[2]))
-    rise1, rise2 = (d1 - d0) * inverse_area, (d2 - d0) * inverse_area
     at1 = to_float(edge(x[2], y[2], x[0], y[0], px, py))
     at2 = to_float(edge(x[0], y[0], x[1], y[1], px, py))
     differences = (y[2] - y[0], y[0] - y[1], x[0] - x[2], x[1] - x[0])

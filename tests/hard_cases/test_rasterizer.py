@@ -17,7 +17,7 @@ from jaxraster.visibility.fixed_point import GUARD, SUBPIXELS
 from jaxraster.visibility.large import draw_large, pack
 from jaxraster.visibility.raster import rasterize, rasterize_depth
 from jaxraster.visibility.small import draw_small
-from jaxraster.visibility.tiles import FARTHEST, NOBODY, PIXELS, TILE, grid, pair, picture, unpair
+from jaxraster.visibility.tiles import FARTHEST, NOBODY, PIXELS, grid, pair, picture, span, unpair
 from jaxraster.visibility.triangle import set_up
 
 HEIGHT, WIDTH = 32, 64
@@ -124,30 +124,28 @@ def test_large_ids_stay_whole(first):
     corners = np.array([[0.2, 0.3], [9.8, 0.4], [0.1, 9.9]]) + np.arange(5)[:, None, None] * [12, 4]
     x, y = (tuple(jnp.array(v.T, jnp.int32)) for v in np.moveaxis(corners - [WIDTH / 2, HEIGHT / 2], -1, 0) * SUBPIXELS)
     depth = (jnp.full(5, 0.5),) * 3
-    down, across = grid(HEIGHT, WIDTH)
-    near, id = (jnp.full((down * across + 1, PIXELS), value, jnp.int32) for value in (FARTHEST, NOBODY))
+    nothing = (FARTHEST, NOBODY)
 
     @jax.jit
-    def large(near, id):
-        box = set_up(x, y, depth, HEIGHT, WIDTH)
-        tiles = (box.right // TILE - box.left // TILE + 1) * (box.bottom // TILE - box.top // TILE + 1)
-        return unpair(draw_large(pair(near, id), None, pack(box, ids), tiles, window=64, height=HEIGHT, width=WIDTH))
+    def large(ids):
+        down, across = grid(HEIGHT, WIDTH)
+        near, id = (jnp.full((down * across + 1, PIXELS), value, jnp.int32) for value in nothing)
+        box = set_up(ids[0] > 0, x, y, depth, HEIGHT, WIDTH)
+        tiles = span(box.left, box.right) * span(box.top, box.bottom)
+        pixels = draw_large(pair(near, id), None, pack(box, ids), tiles, window=64, height=HEIGHT, width=WIDTH)
+        return picture(unpair(pixels)[1], HEIGHT, WIDTH)
 
     @jax.jit
-    def small(near, id):
+    def small(ids):
         def of(ids):
             return jax.tree.map(lambda v: v[ids - first], (x, y, depth))
 
-        for finding in (False, True):
-            state = draw_small(
-                near, id, None, jnp.bool(finding), of, ids, jnp.int32(5), chunk=16, height=HEIGHT, width=WIDTH
-            )
-            near, id = state
-        return state
+        near, id = (jnp.full((HEIGHT, WIDTH), value, jnp.int32) for value in nothing)
+        near = draw_small(near, near, (), jnp.bool(False), of, ids, jnp.int32(5), chunk=16)
+        return draw_small(id, near, (), jnp.bool(True), of, ids, jnp.int32(5), chunk=16)
 
     for path in (large, small):
-        seen = np.asarray(picture(path(near, id)[1], HEIGHT, WIDTH))
-        assert set(np.unique(seen)) == {*np.asarray(ids).tolist(), NOBODY}, path
+        assert set(np.unique(path(ids))) == {*np.asarray(ids).tolist(), NOBODY}, path
 
 
 @case(
