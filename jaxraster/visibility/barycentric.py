@@ -10,6 +10,7 @@ Source: Olano & Greer 1997, "Triangle Scan Conversion using 2D Homogeneous Coord
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
@@ -30,12 +31,18 @@ def rows(table: Float[Array, "f n"], face: Int[Array, "*b"], background: Float[A
     return fetch(table, jnp.where(face < 0, table.shape[0] - 1, face))
 
 
-def _products(x, y, w, column, line, height, width):
-    """q_x, q_y and e of corners at pixels."""
-    centre_x = (column.astype(w[0].dtype) + 0.5) * (2.0 / width) - 1.0
-    centre_y = 1.0 - (line.astype(w[0].dtype) + 0.5) * (2.0 / height)
-    qx = [x[i] - centre_x * w[i] for i in range(3)]
-    qy = [y[i] - centre_y * w[i] for i in range(3)]
+def _from(centres: np.ndarray, values, w):
+    """value - centre·w of corners, as if the centres had not been rounded."""
+    rounded = centres.astype(w[0].dtype)
+    left = (centres - rounded).astype(w[0].dtype)
+    q = [value - rounded * scale for value, scale in zip(values, w)]
+    return [value - left * scale for value, scale in zip(q, w)] if left.any() else q
+
+
+def _products(x, y, w, height: int, width: int):
+    """q_x, q_y and e of corners at pixels `[h, w]`."""
+    qx = _from((2.0 * np.arange(width)[None, :] + 1) / width - 1, x, w)
+    qy = _from(1 - (2.0 * np.arange(height)[:, None] + 1) / height, y, w)
     # Round one product, which a comparison forces: XLA would fuse either into the difference, and then a triangle with
     # its corners in another order gets other weights.
     rounded = [qy[i] * qx[j] for i, j in ((1, 2), (2, 0), (0, 1))]
@@ -54,8 +61,7 @@ def _edges(clip, faces, face):
     table = jnp.swapaxes(corners, 1, 2).reshape(-1, 12)
     row = rows(table, face, jnp.array([1, 0, -1, 0, 1, -1, 0, 0, 0, 1, 1, 1], clip.dtype))
     x, y, z, w = (tuple(row[..., 3 * c + i] for i in range(3)) for c in range(4))
-    column, line = jnp.arange(width, dtype=jnp.int32)[None, :], jnp.arange(height, dtype=jnp.int32)[:, None]
-    qx, qy, e = _products(x, y, w, column, line, height, width)
+    qx, qy, e = _products(x, y, w, height, width)
     return qx, qy, w, z, e
 
 
@@ -86,8 +92,7 @@ def _evaluate(clip, faces, face):
 
     def weigh(face):
         x, y, w = (corner(jnp.maximum(face, 0), component) for component in (0, 1, 3))
-        column, line = jnp.arange(width, dtype=jnp.int32)[None, :], jnp.arange(height, dtype=jnp.int32)[:, None]
-        _, _, e = _products(x, y, w, column, line, height, width)
+        _, _, e = _products(x, y, w, height, width)
         sign = jnp.where(e[0] + e[1] + e[2] < 0, -1.0, 1.0)
         e = [jnp.maximum(sign * v, 0.0) for v in e]
         total = e[0] + e[1] + e[2]
