@@ -1,7 +1,7 @@
 """Each buffer of a frame as a picture to look at, and as channels of numbers.
 
 Light and colours get the display's curve; data (normals, coordinates, roughness) are written as they are. Black is
-nothing: no surface was seen there.
+nothing: no surface was seen there. Where some are seen through others, a buffer holds the foremost one's.
 """
 
 from collections.abc import Callable

@@ -136,9 +136,10 @@ def test_words_that_must_parse(monkeypatch):
 
 def test_the_readmes_commands(monkeypatch, capsys):
     """Every command that the README shows passes the checks that come before loading."""
-    from jaxraster.cli import render
+    from jaxraster.cli import compare, render
 
-    monkeypatch.setattr(render, "run", render._check)
+    for command in (compare, render):
+        monkeypatch.setattr(command, "run", command._check)
     lines = [line.split("#")[0] for line in (ROOT / "README.md").read_text().splitlines()]
     commands = [line.removeprefix("jaxraster ") for line in lines if line.startswith("jaxraster ")]
     assert len(commands) >= 5
