@@ -1,7 +1,8 @@
-"""Random-looking numbers from integers: no state, the same on every machine, about thirty times cheaper than threefry.
+"""Random-looking numbers from integers: no state, the same on every machine, a tenth of the cost of threefry.
 
-Nest calls to hash several coordinates, with `+` or `^` between them: `uniform(pcg(pcg(pixel) + sample) + dimension)`.
-Not for cryptography.
+What a number is for is its key, `keyed(pixel, sample, dimension)`, and `uniform` makes it: the number of a pixel's
+sample is the same in whatever tile, batch or device it is asked for. Number pixels over the whole picture. Not for
+cryptography.
 """
 
 import jax.numpy as jnp
@@ -19,9 +20,32 @@ def pcg(x: UInt32[Array, "*b"]) -> UInt32[Array, "*b"]:
     return (word >> 22) ^ word
 
 
+def keyed(*coordinates: int | UInt32[Array, "*#b"]) -> UInt32[Array, "*b"]:
+    """One key of several whole numbers, such as pixel, sample and dimension: the hash of each is added to the next.
+
+    pcg(pcg(pixel) + sample) + dimension, without the last hash, which `uniform` and `sobol` do. Their order matters.
+    Gradient: none.
+
+    Example:
+        >>> pixel, sample = jnp.arange(6, dtype=jnp.uint32).reshape(2, 3), 4
+        >>> numbers = uniform(keyed(pixel, sample, 0))
+        >>> bool((numbers[1] == uniform(keyed(pixel[1], sample, 0))).all())
+        True
+    """
+    key = jnp.asarray(coordinates[0], jnp.uint32)
+    for coordinate in coordinates[1:]:
+        key = pcg(key) + jnp.asarray(coordinate, jnp.uint32)
+    return key
+
+
+def unit(bits: UInt32[Array, "*b"]) -> Float32[Array, "*b"]:
+    """Integers as numbers in [0, 1): their upper 24 bits, all that float32 can hold without rounding up to 1."""
+    return (bits >> 8).astype(jnp.float32) * 2.0**-24
+
+
 def uniform(key: UInt32[Array, "*b"]) -> Float32[Array, "*b"]:
-    """The hash of `key` as a number in [0, 1): its upper 24 bits, all that float32 can hold without rounding up to 1.
+    """The hash of `key` as a number in [0, 1).
 
     Gradient: none.
     """
-    return (pcg(key) >> 8).astype(jnp.float32) * 2.0**-24
+    return unit(pcg(key))
