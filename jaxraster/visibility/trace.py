@@ -1,0 +1,140 @@
+"""What rays hit first, or whether they hit anything: `trace` and `occluded`, for thousands to millions of rays.
+
+Few triangles are all tested against every ray (`trace_dense`); a tree is walked by streams of rays (`trace_tree`), or
+handed to Embree (`trace_embree`). All loops are of dynamic length over chunks of fixed size, and batches run one after
+the other, so that results do not depend on what is traced together. Neighbours should stand near each other in the
+arrays: rays of a picture in its order, shadow rays in that of their places.
+
+Gradient: none, on purpose: `stop_gradient` stands in `_hits`. What has one is recomputed from the face, by
+`geometry.intersect.intersection`.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from ..check import fit_record
+from ..geometry.bvh import Tree
+from ..geometry.intersect import LIMIT, Rays, check_rays, main_axis
+from ..math import safe
+from ..math.scan import partition
+from ..math.table import fetch
+from ..record import record
+from .trace_dense import face_of, trace_dense
+from .trace_embree import trace_embree
+from .trace_tree import trace_tree
+
+BACKENDS = "jax", "embree"
+
+
+@record
+class Hits:
+    """Of each ray the face that it hits first, -1 for none, and where, in lengths of its direction, inf for none.
+
+    Faces hit at equal t: the lowest id.
+    """
+
+    face: Int[Array, "*b"]
+    t: Float[Array, "*b"]
+
+
+def _by_axis(axis):
+    """Rays ordered by axis, those of none left out, and where each axis' start; the last number is their count."""
+    order, starts = partition(axis)
+    return order, starts[:4]
+
+
+def _as_they_are(axis):
+    """The same for rays of one axis, as most pictures' are: a sixth of the time against few triangles."""
+    starts = jnp.where(jnp.arange(4, dtype=jnp.int32) <= axis[0], 0, axis.shape[0])
+    return jnp.arange(axis.shape[0], dtype=jnp.int32) + axis * 0, starts
+
+
+def _search(rays, tree, any_hit, backend):
+    """Faces and t of rays `[n, 8]` (origin, direction, t_min, t_max), and how many steps it took."""
+    num = rays.shape[0]
+    direction = [rays[:, k] for k in range(3, 6)]
+    longest = jnp.max(jnp.abs(rays[:, 3:6]), axis=1)
+    usable = jnp.all(jnp.abs(rays[:, :3]) < LIMIT, axis=1) & (longest > safe.TINY) & (longest < 1.0 / safe.TINY)
+    # Not so for NaN.
+    usable = usable & (rays[:, 6] < rays[:, 7])
+
+    # Order rays by the axis that they mostly follow, and leave out those that can hit nothing.
+    axis = jnp.where(usable, main_axis(direction), -1)
+    order, starts = lax.cond(jnp.all(axis == axis[0]) & usable[0], _as_they_are, _by_axis, axis)
+    ordered = fetch(rays, order)
+    if tree.nodes is None:
+        hits, steps = trace_dense(tree.corners, ordered, starts)
+    elif backend == "embree":
+        hits, steps = trace_embree(tree.corners, ordered, starts[3], any_hit)
+    else:
+        hits, steps = trace_tree(tree.nodes, tree.leaves, ordered, starts[3], any_hit)
+    place = jnp.where(jnp.arange(num, dtype=jnp.int32) < starts[3], order, num)
+    nothing = lax.complex(jnp.full(num, jnp.inf), lax.bitcast_convert_type(order * 0 - 1, jnp.float32))
+    hits = nothing.at[place].set(hits, mode="drop")
+    face = face_of(hits)
+    return face, jnp.where(face >= 0, lax.real(hits), jnp.inf), steps
+
+
+@functools.cache
+def _core(any_hit: bool, backend: str):
+    """The compiled search; batches run one after the other, in loops of their own length."""
+    search = functools.partial(_search, any_hit=any_hit, backend=backend)
+    return jax.custom_batching.sequential_vmap(jax.jit(search))
+
+
+def _hits(where, rays, tree, any_hit, backend):
+    """Checked, flattened, searched: faces, t and steps."""
+    origin, direction, t_min, t_max = check_rays(f"{where}: rays", rays)
+    shape = t_min.shape
+    fit_record(f"{where}: tree", tree, Tree)
+    if backend not in BACKENDS:
+        raise ValueError(f"{where}: backend must be one of {BACKENDS}, got {backend!r}")
+    parts = origin, direction, jnp.maximum(t_min, 0.0)[..., None], t_max[..., None]
+    rows = jnp.concatenate([part.astype(jnp.float32) for part in parts], axis=-1).reshape(-1, 8)
+    if rows.shape[0] == 0 or tree.corners.shape[0] == 0:
+        return jnp.full(shape, -1, jnp.int32), jnp.full(shape, jnp.inf, jnp.float32), jnp.int32(0)
+    rows, tree = lax.stop_gradient((rows, tree))
+    face, t, steps = _core(any_hit, backend)(rows, tree)
+    return face.reshape(shape), t.reshape(shape), steps
+
+
+def trace(rays: Rays, tree: Tree, *, backend: str = "jax") -> Hits:
+    """The first face that each ray hits, from either side.
+
+    Args:
+        tree: of `build` or `build_morton`.
+        backend: "jax", or "embree" for Embree on the host, where the package embreex is installed: several times as
+            fast with a tree, without promises about edges, ties and small t_min. Few triangles are always tested here.
+
+    Closed surfaces have no gaps: a ray through an edge or corner hits one of the faces there. Embree's rounding is
+    its own.
+    Gradient: none; see `intersection`.
+
+    Example:
+        >>> from jaxraster.geometry.bvh import build
+        >>> tree = build(jnp.eye(3), jnp.array([[0, 1, 2]]))
+        >>> hits = trace(Rays(origin=jnp.zeros((2, 3)), direction=jnp.array([[1.0, 1.0, 2.0], [-1.0, 0.0, 0.0]])), tree)
+        >>> hits.face.tolist(), hits.t.tolist()
+        ([0, -1], [0.25, inf])
+    """
+    face, t, _ = _hits("trace", rays, tree, False, backend)
+    return Hits(face=face, t=t)
+
+
+def occluded(rays: Rays, tree: Tree, *, backend: str = "jax") -> Bool[Array, "*b"]:
+    """Whether each ray hits anything: where `trace` finds a face, and found without looking for the first one.
+
+    Gradient: none.
+
+    Example:
+        >>> from jaxraster.geometry.bvh import build
+        >>> tree = build(jnp.eye(3), jnp.array([[0, 1, 2]]))
+        >>> rays = Rays(origin=jnp.zeros((2, 3)), direction=jnp.ones((2, 3)), t_max=jnp.array([0.3, 0.4]))
+        >>> occluded(rays, tree).tolist()
+        [False, True]
+    """
+    return _hits("occluded", rays, tree, True, backend)[0] >= 0
