@@ -3,6 +3,7 @@
 from . import display as display
 from . import errors as errors
 from . import math as math
+from . import metrics as metrics
 from . import planner as planner
 from . import scenes as scenes
 from .buffers import Frame as Frame
@@ -12,6 +13,12 @@ from .buffers import Surface as Surface
 from .buffers import Visibility as Visibility
 from .camera import Camera as Camera
 from .display.dither import Dither as Dither
+from .geometry.bvh import Tree as Tree
+from .geometry.bvh import build as build
+from .geometry.bvh import build_morton as build_morton
+from .geometry.intersect import Rays as Rays
+from .geometry.intersect import intersection as intersection
+from .geometry.intersect import spawn as spawn
 from .io.load import load as load
 from .io.load import save as save
 from .light.ambient import Ambient as Ambient
@@ -42,10 +49,14 @@ from .stack import stack_materials as stack_materials
 from .surface.texture import texture as texture
 from .visibility.barycentric import footprint as footprint
 from .visibility.barycentric import interpolate as interpolate
+from .visibility.layers import Layers as Layers
 from .visibility.nvdiffrast import from_nvdiffrast as from_nvdiffrast
 from .visibility.nvdiffrast import to_nvdiffrast as to_nvdiffrast
 from .visibility.project import project as project
 from .visibility.raster import peel as peel
 from .visibility.raster import rasterize as rasterize
+from .visibility.trace import Hits as Hits
+from .visibility.trace import occluded as occluded
+from .visibility.trace import trace as trace
 
 __version__ = "0.1.0"

@@ -10,11 +10,16 @@ from .record import record
 
 @record
 class Stats:
-    """What the rasterizer left out: triangles with a non-finite vertex, without any area, or with no such vertex."""
+    """What the rasterizer left out: triangles with a non-finite vertex, without any area, or with no such vertex.
+
+    `beyond_layers` counts blended fragments in front of what is solid that found no layer free, in all samples of the
+    picture; None where nothing is drawn in layers.
+    """
 
     non_finite: Int[Array, "*b"]
     degenerate: Int[Array, "*b"]
     out_of_range: Int[Array, "*b"]
+    beyond_layers: Int[Array, "*b"] | None = None
 
 
 @record
@@ -38,7 +43,8 @@ class Surface:
 
     `normal` and `geometric_normal` are unit and face the viewer, `view` is unit towards it. `f0` and `f90` are what is
     mirrored head on and at grazing angles, `alpha` is the microfacet width, roughness². `occlusion` in [0, 1] applies
-    to ambient light alone. `uv` may be whole periods away from the mesh's, where its textures repeat.
+    to ambient light alone. `uv` may be whole periods away from the mesh's, where its textures repeat. `opacity` in
+    [0, 1] is the share of the light from behind that is kept away; None where all is drawn opaque.
     """
 
     mask: Bool[Array, "*b"]
@@ -53,6 +59,7 @@ class Surface:
     alpha: Float[Array, "*b"]
     emissive: Float[Array, "*b 3"]
     occlusion: Float[Array, "*b"]
+    opacity: Float[Array, "*b"] | None = None
 
 
 @record
@@ -71,7 +78,8 @@ class Frame:
     """A finished picture and everything it was made of.
 
     `image` is display-encoded in [0, 1], `hdr` linear. With `Plan.supersample` above 1 these two have the plan's size
-    and the others that many samples per pixel and axis.
+    and the others that many samples per pixel and axis. With `Plan.layers` these two show all layers and the others the
+    foremost one alone: a lens, not the eye behind it, with its own light, not yet weighed by its opacity.
     """
 
     image: Float[Array, "*b h w 3"]

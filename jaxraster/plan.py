@@ -16,9 +16,11 @@ from .light.emission import Emission
 from .light.shadow_map import ShadowMap
 from .record import Scalar, record, static
 from .scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene, check_scene
+from .visibility.layers import Layers
 
 SHADINGS = ("standard", "local")
 EFFECTS = {
+    "layers": Layers,
     "shadow_map": ShadowMap,
     "ambient": Ambient,
     "emission": Emission,
@@ -33,7 +35,8 @@ class Plan:
 
     `supersample` takes its square of samples per pixel. `shading` is "standard" (microfacets) or "local" (Blinn–Phong
     and no visibility of lights: no shadow). `light_kinds` and `texture_slots` name what is evaluated and fetched;
-    `cull` drops the back faces of materials that are not double-sided. `exposure` in EV, each doubling the light.
+    `cull` drops the back faces of materials that are not double-sided. `layers` cuts out masked materials and lets
+    what is behind blended ones show through; None draws both opaque. `exposure` in EV, each doubling the light.
     """
 
     width: int = static(default=640)
@@ -43,6 +46,7 @@ class Plan:
     cull: bool = static(default=True)
     texture_slots: tuple = static(default=TEXTURE_SLOTS)
     light_kinds: tuple = static(default=LIGHT_KINDS)
+    layers: Layers | None = None
     shadow_map: ShadowMap | None = None
     ambient: Ambient | None = Ambient()
     emission: Emission | None = Emission()

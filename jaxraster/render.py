@@ -22,7 +22,10 @@ from .plan import Plan, as_arrays
 from .resolve import resolve
 from .scene import Camera, Scene
 from .surface.gather import gather
+from .surface.layered import layered
 from .surface.material import material
+from .surface.opacity import Holes, alpha_modes, casters
+from .visibility.layers import layers
 from .visibility.project import project
 from .visibility.raster import rasterize
 
@@ -34,7 +37,8 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
 
     Under jit return what is needed: the rest is dead code. Map over batches: `vmap(render, in_axes=(None, 0, None))`.
 
-    Gradient: exact in everything that shades a visible point; 0 through coverage, the depth test and shadows."""
+    Gradient: exact in everything that shades a visible point, and in how much of it is seen through what is blended; 0
+    through coverage, the depth test, holes in masked materials and shadows."""
     scene, camera = as_arrays(scene, camera, plan)
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
@@ -42,16 +46,23 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
         with jax.named_scope(function.__name__) if settings is not None else nullcontext():
             return otherwise if settings is None else function(*inputs, settings, **sizes)
 
-    # Find the triangle that each pixel sees.
+    # Find the triangle that each pixel sees, or those that it sees through each other, and look up what lies there.
     mesh, single_sided = scene.mesh, ~scene.materials.double_sided[scene.mesh.material]
+    cull = single_sided if plan.cull else None
     with jax.named_scope("visibility"):
         clip = project(mesh.vertices, camera, **size)
-        visibility = rasterize(clip, mesh.faces, cull=single_sided if plan.cull else None, **size)
-
-    # Look up what lies there.
-    with jax.named_scope("surface"):
-        fragment = gather(scene, visibility, clip, camera)
-        surface = material(fragment, scene.materials, scene.textures, plan.texture_slots)
+    if plan.layers is None:
+        with jax.named_scope("visibility"):
+            visibility = rasterize(clip, mesh.faces, cull=cull, **size)
+        with jax.named_scope("surface"):
+            fragment = gather(scene, visibility, clip, camera)
+            surface = material(fragment, scene.materials, scene.textures, plan.texture_slots)
+    else:
+        modes, cut_out = alpha_modes(scene), Holes(scene=scene, camera=camera, clip=clip, slots=plan.texture_slots)
+        visibility = effect(layers, plan.layers, clip, mesh.faces, modes, cut_out, cull, **size)
+        with jax.named_scope("surface"):
+            surface = layered(scene, visibility, clip, camera, plan.texture_slots)
+        mesh = casters(mesh, modes)
 
     # Light it, keeping the paths apart.
     share = effect(shadow_map, plan.shadow_map, surface, mesh, scene.lights.directional)
@@ -71,8 +82,10 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
 
     # Add it up in linear light, and only then make a picture of it.
     behind = effect(background, plan.background, camera, scene.environment, **size)
-    hdr = resolve(radiance, surface.mask, behind, plan.supersample)
+    hdr = resolve(radiance, surface.mask, behind, plan.supersample, surface.opacity)
     with jax.named_scope("display"):
         image = srgb_encode(tonemap(exposure(hdr, plan.exposure), plan.tonemap))
     image = effect(dither, plan.dither, image, otherwise=image)
+    if plan.layers is not None:
+        radiance, surface, visibility = jax.tree.map(lambda leaf: leaf[0], (radiance, surface, visibility))
     return Frame(image=image, hdr=hdr, radiance=radiance, surface=surface, visibility=visibility)

@@ -47,8 +47,9 @@ class Materials:
     `uv_sets` and `uv_transforms` say per slot of `TEXTURE_SLOTS` which uvs it looks up (0, or 1 for the second ones)
     and by which affine map they go first; `ior` is the dielectric's index of refraction (1.5); `specular` multiplies
     its f0, by colour and by a weight that scales f90 too; `unlit` ones show their base colour whatever the light.
-    Carried along for what is not drawn yet: `alpha_mode` (OPAQUE, MASK or BLEND) with `alpha_cutoff`, `clearcoat`
-    (strength, roughness) and `sheen` (linear RGB, roughness).
+    `alpha_mode` says what a base colour's alpha means: nothing (OPAQUE), a hole where it is below `alpha_cutoff` (MASK,
+    0.5), or how much it hides of what is behind (BLEND); a plan without `Layers` draws all of them opaque.
+    Carried along for what is not drawn yet: `clearcoat` (strength, roughness) and `sheen` (linear RGB, roughness).
     """
 
     base_color: Float[Array, "*b m 4"]

@@ -69,7 +69,8 @@ _module = importlib.import_module("jaxraster.render")
 _STAGES = {
     "project": ("height", "width"),
     "gather": (),
-    "material": ("slots",),
+    "material": ("slots", "layered"),
+    "layered": ("slots",),
     "shadow_map": (),
     "ambient": (),
     "emission": (),

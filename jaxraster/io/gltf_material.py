@@ -41,13 +41,10 @@ def _clamped_number(at: Json, key: str, default: float, reading: Reading) -> flo
     return min(max(found, 0.0), 1.0)
 
 
-def _read_alpha(material: Json, reading: Reading) -> dict:
+def _read_alpha(material: Json) -> dict:
     mode = member(material, "alphaMode", str, "OPAQUE")
     if mode.value not in _ALPHA_MODES:
         fail(mode, f"is {mode.value[:20]!r}, not one of {', '.join(_ALPHA_MODES)}")
-    if mode.value != "OPAQUE":
-        name = member(material, "name", str, material.where).value
-        reading.ignore("transparent materials are drawn opaque", name)
     cutoff = number(material, "alphaCutoff", 0.5, 0.0, LARGEST)
     return {"alpha_mode": _ALPHA_MODES[mode.value], "alpha_cutoff": cutoff}
 
@@ -101,7 +98,7 @@ def _read_material(material: Json, textures: TextureTable, reading: Reading) -> 
         **{f"{slot}_texture": lookup.row for slot, lookup in lookups.items()},
         "uv_sets": tuple(lookup.uv_set for lookup in lookups.values()),
         "uv_transforms": tuple(lookup.transform for lookup in lookups.values()),
-        **_read_alpha(material, reading),
+        **_read_alpha(material),
         **_read_extensions(material, reading),
     }
 

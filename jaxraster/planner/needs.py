@@ -20,9 +20,12 @@ from ..light.emission import Emission
 from ..light.shadow_map import ShadowMap
 from ..parameters import matches, parameters
 from ..plan import Plan
-from ..scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene, check_scene
+from ..scene import BLEND, LIGHT_KINDS, MASK, OPAQUE, TEXTURE_SLOTS, Camera, Scene, check_scene
+from ..surface.opacity import CUTOFF
+from ..visibility.layers import Layers
 from ..visibility.project import clip_from_world
 from .occluders import may_shadow, visible_polygons
+from .transparent import cut_out, shows_through
 
 STRENGTH = {"directional": "irradiance", "point": "intensity", "spot": "intensity"}
 
@@ -48,9 +51,18 @@ class _Facts:
         """A material's factor `[..., used]`, as 0 or 1 where it cannot or can matter."""
         axis = 1 if name in ("base_color", "emissive") else 0
         values = getattr(self.scene.materials, name)
-        values = values[..., :3] if name == "base_color" else values
+        if name == "base_color":
+            # The alpha of what is drawn opaque says nothing.
+            means = np.array([True, True, True, False]) | (self.modes() != OPAQUE)[:, None]
+            values = np.where(means, values, 0)
         matter = (values != 0).any(axis=-1) if axis else values != 0
         return matter[..., self.used] | self.differentiated(f"materials.{name}")
+
+    def modes(self) -> np.ndarray:
+        """The alpha mode of every material."""
+        materials = self.scene.materials
+        modes = materials.alpha_mode
+        return np.full_like(materials.base_color_texture, OPAQUE) if modes is None else modes
 
     def textured(self, slot: str) -> np.ndarray:
         return getattr(self.scene.materials, f"{slot}_texture")[self.used] >= 0
@@ -71,6 +83,25 @@ class _Facts:
         names = ("sky", "ground")
         lit = any((getattr(self.scene.environment, name) != 0).any() for name in names)
         return lit or any(self.differentiated(f"environment.{name}") for name in names)
+
+
+def _layers(facts: _Facts) -> tuple[Layers | None, Reason]:
+    scene, modes = facts.scene, facts.modes()
+    masked, blended = (facts.used[modes[facts.used] == mode].tolist() for mode in (MASK, BLEND))
+    if len(masked) + len(blended) == 0:
+        return None, Reason(False, "no material in use is masked or blended")
+    cutoffs = np.full(modes.shape, CUTOFF) if scene.materials.alpha_cutoff is None else scene.materials.alpha_cutoff
+    alphas = ("materials.base_color", "materials.alpha_cutoff", "textures.texels", "mesh.colors")
+    moves = any(facts.differentiated(name) for name in alphas)
+    holes = sum(moves or cut_out(scene, row, float(np.max(cutoffs[..., row]))) for row in masked)
+    clear = sum(moves or shows_through(scene, row) for row in blended)
+    if holes + clear == 0:
+        return None, Reason(False, "every masked or blended material in use is opaque wherever it is")
+    # At most as many blended triangles lie in front of each other as there are.
+    depth = min(Layers().blended, int(np.isin(scene.mesh.material, blended).sum()))
+    words = [f"materials with holes: {holes}"] if holes else []
+    words += [f"blended ones: {len(blended)}, of which {depth} layers are kept"] if len(blended) else []
+    return Layers(blended=depth, masked=bool(holes)), Reason(True, ", ".join(words))
 
 
 def _texture_slot(facts: _Facts, slot: str, ambient: bool) -> Reason:
@@ -183,6 +214,7 @@ def plan_for(
     reasons["cull"] = Reason(bool(single_sided), f"{some} material in use is single-sided")
     lit = facts.surroundings()
     tones = "has light" if lit else "is black"
+    seen_through, reasons["layers"] = _layers(facts)
     for slot in TEXTURE_SLOTS:
         reasons[f"texture {slot}"] = _texture_slot(facts, slot, lit)
     for kind in LIGHT_KINDS:
@@ -202,6 +234,7 @@ def plan_for(
         "cull": reasons["cull"].on,
         "texture_slots": tuple(slot for slot in TEXTURE_SLOTS if reasons[f"texture {slot}"].on),
         "light_kinds": tuple(kind for kind in LIGHT_KINDS if reasons[f"light {kind}"].on),
+        "layers": seen_through,
         "shadow_map": shadow,
         "emission": Emission() if emits else None,
         "ambient": Ambient() if lit else None,

@@ -10,21 +10,19 @@ and has none.
 Source: glTF 2.0 specification, appendix B; KHR_materials_ior, _specular, _unlit and KHR_texture_transform.
 """
 
-import functools
 from typing import Any
 
-import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Float
 
 from ..buffers import Surface
 from ..math import safe
 from ..math.table import fetch
-from ..scene import TEXTURE_SLOTS, Materials, Textures
+from ..scene import Materials, Textures
 from .gather import Fragment
 from .normal_map import normal_map
-from .texture import lookup
+from .opacity import blended_opacity
+from .slots import fetch_textures
 
 DIELECTRIC_F0 = 0.04  # ((n - 1) / (n + 1))² of n = 1.5
 # Below this a highlight is narrower than float32's unit vectors resolve (D(0) = 8e4); Filament's floor as well.
@@ -63,44 +61,19 @@ def face_viewer(normal: Float[Array, "*b 3"], view: Float[Array, "*b 3"]) -> Flo
     return jnp.where((missing > 0)[..., None], safe.normalize(normal + missing[..., None] * view), normal)
 
 
-def _place(fragment: Fragment, materials: Materials, slot: str):
-    """The uv at which a slot's texture is looked up, and its footprint: of the right set, under the map of the slot."""
-    column, uv, footprint = TEXTURE_SLOTS.index(slot), fragment.uv, fragment.footprint
-    if materials.uv_sets is not None and fragment.second_uv is not None and fragment.second_footprint is not None:
-        second = (fetch(materials.uv_sets[:, column], fragment.material) == 1)[..., None]
-        uv = jnp.where(second, fragment.second_uv, uv)
-        footprint = jnp.where(second[..., None], fragment.second_footprint, footprint)
-    if materials.uv_transforms is not None:
-        rows = fetch(materials.uv_transforms[:, column].reshape(-1, 6), fragment.material)
-        rows = rows.reshape(*rows.shape[:-1], 2, 3)
-        # Written out as sums: a product of matrices would be rounded to TF32 on an accelerator.
-        uv = jnp.sum(rows[..., :2] * uv[..., None, :], axis=-1) + rows[..., 2]
-        footprint = jnp.sum(rows[..., :2, None] * footprint[..., None, :, :], axis=-2)
-    return uv, footprint
+def material(
+    fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...], layered: bool = False
+) -> Surface:
+    """The surface at every pixel, and how opaque it is where it is one of several that are `layered`.
 
-
-@functools.partial(jax.jit, static_argnames="slots")
-def _fetch_textures(fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...]) -> dict:
-    """RGBA of each slot's texture at every pixel: one loop over the slots, so that the lookup is compiled once."""
-    if not slots:
-        return {}
-    index = [fetch(getattr(materials, f"{slot}_texture"), fragment.material).astype(jnp.int32) for slot in slots]
-    if materials.uv_sets is None and materials.uv_transforms is None:
-        values = lax.map(lambda row: lookup(textures, row, fragment.uv, fragment.footprint), jnp.stack(index))
-    else:
-        uv, footprint = (jnp.stack(each) for each in zip(*(_place(fragment, materials, slot) for slot in slots)))
-        values = lax.map(lambda place: lookup(textures, *place), (jnp.stack(index), uv, footprint))
-    return dict(zip(slots, values))
-
-
-def material(fragment: Fragment, materials: Materials, textures: Textures, slots: tuple[str, ...]) -> Surface:
-    """The surface at every pixel. `slots` names the textures that are fetched; the others count as white or flat."""
+    `slots` names the textures that are fetched; the others count as white or flat.
+    """
 
     def factor(name) -> Any:
         values = getattr(materials, name)
         return None if values is None else fetch(values, fragment.material)
 
-    fetched = _fetch_textures(fragment, materials, textures, slots)
+    fetched = fetch_textures(fragment, materials, textures, slots)
     base, metallic, roughness = factor("base_color")[..., :3], factor("metallic"), factor("roughness")
     emissive, occlusion, normal = factor("emissive"), jnp.ones_like(metallic), fragment.normal
     if fragment.color is not None:
@@ -138,4 +111,5 @@ def material(fragment: Fragment, materials: Materials, textures: Textures, slots
         alpha=alpha,
         emissive=emissive,
         occlusion=occlusion,
+        opacity=blended_opacity(fragment, materials, fetched) if layered else None,
     )

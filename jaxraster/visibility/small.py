@@ -29,8 +29,9 @@ def draw_small(drawn, near, seen, finding_ids, corners, order, last, *, chunk: i
         used = start + lane < last
         ids = fetch(order, jnp.minimum(start + lane, last - 1))
         # Fetch apart from what is made of it: accesses fused with arithmetic keep that from vectors.
-        points = apart(start < last, corners, ids)
-        triangle = apart(start < last, lambda *points: set_up(start < last, *points, height, width), *points)
+        some = start < last
+        x, y, depth = apart(some, corners, ids)
+        triangle = apart(some, lambda x, y, depth: set_up(some, x, y, depth, height, width), x, y, depth)
         edges = edges_at(triangle, triangle.left, triangle.top, height, width)
         columns = jnp.where(used, triangle.right - triangle.left + 1, 0)
         lines = jnp.where(used, triangle.bottom - triangle.top + 1, 0)
@@ -53,7 +54,8 @@ def draw_small(drawn, near, seen, finding_ids, corners, order, last, *, chunk: i
                 inside = inside & (value + right * i + down * j >= 0)
             value = nearness(*plane, (offset_x + i).astype(jnp.float32), (offset_y + j).astype(jnp.float32))
             if seen:
-                inside = inside & in_front(*(fetch(picture, place_at(step)) for picture in seen), value, ids)
+                near_ahead, id_ahead = (fetch(picture, place_at(step)) for picture in seen)
+                inside = inside & in_front(near_ahead, id_ahead, value, ids)
             return jnp.where(inside, value, 0)
 
         # Visit the boxes' pixels one after the other, in one of two loops: a branch would copy the picture each time.

@@ -92,13 +92,15 @@ def _plane(x: Corners, y: Corners, depth: tuple[Floats, Floats, Floats], turn: t
     """Corners clockwise from the first one on, and the rise of depth to the other two for each unit of area."""
     first, side = turn
 
-    def corner(values, step):
-        step = jnp.where(side < 0, 3 - step, step)
-        place = first + step
-        place = jnp.where(place >= 3, place - 3, place)
-        return jnp.where(place == 0, values[0], jnp.where(place == 1, values[1], values[2]))
+    def turned(values):
+        def corner(step):
+            place = first + jnp.where(side < 0, 3 - step, step)
+            place = jnp.where(place >= 3, place - 3, place)
+            return jnp.where(place == 0, values[0], jnp.where(place == 1, values[1], values[2]))
 
-    x, y, depth = (tuple(corner(values, step) for step in range(3)) for values in (x, y, depth))
+        return corner(0), corner(1), corner(2)
+
+    x, y, depth = turned(x), turned(y), turned(depth)
     inverse_area = 1.0 / to_float(edge(x[0], y[0], x[1], y[1], x[2], y[2]))
     return x, y, depth, ((depth[1] - depth[0]) * inverse_area, (depth[2] - depth[0]) * inverse_area)
 

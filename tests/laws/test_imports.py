@@ -13,9 +13,9 @@ PACKAGE = ROOT / "jaxraster"
 
 # Left may not import right; names between two "<" are peers.
 LAW = """
-record errors math check < metrics camera scene buffers < stack < parameters geometry < visibility < surface < brdf
-< light < screen < resolve < post < display < plan < scenes render < reference < bake < study planner probe inverse
-< cli < __main__
+record errors math check < camera scene buffers < stack < parameters geometry < visibility < surface < brdf
+< light < screen < resolve < post < display < metrics < plan < scenes render < reference < bake
+< study planner probe inverse < cli < __main__
 """
 RANK = {name: rank for rank, group in enumerate(LAW.split("<")) for name in group.split()}
 # Reading and writing files is beside the order: it sees little, and only the outermost layers see it.

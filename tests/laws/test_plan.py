@@ -23,6 +23,7 @@ from jaxraster.parameters import parameters
 from jaxraster.plan import Plan
 from jaxraster.render import render
 from jaxraster.scene import LIGHT_KINDS, TEXTURE_SLOTS
+from jaxraster.visibility.layers import Layers
 
 CAMERA = small.camera()
 SCENE = small.scene(
@@ -40,6 +41,7 @@ SCENE = small.scene(
 )
 WEIGHTS = np.random.default_rng(2).uniform(0.5, 1.5, (HEIGHT, WIDTH, 3)).astype(np.float32)
 EFFECTS = {
+    "layers": Layers(blended=1),
     "shadow_map": ShadowMap(resolution=64),
     "ambient": Ambient(),
     "emission": Emission(),

@@ -19,8 +19,9 @@ from jaxraster.light.shadow_map import ShadowMap
 from jaxraster.parameters import parameters
 from jaxraster.plan import Plan
 from jaxraster.planner import Reason, explain, occluders, plan_for
-from jaxraster.scene import LIGHT_KINDS, TEXTURE_SLOTS, Scene
+from jaxraster.scene import BLEND, LIGHT_KINDS, MASK, TEXTURE_SLOTS, Scene
 from jaxraster.scenes import SCENES, parts
+from jaxraster.visibility.layers import Layers
 
 DOWN = (0.0, -1.0, 0.0)
 SLANTED = (-0.4, -1.0, -0.3)
@@ -105,6 +106,36 @@ RULES = {
         )
         for kind, more in (("directional", ()), ("point", ()), ("spot", (DOWN,)))
     },
+    "a black base color with an alpha that tells": (
+        "texture base_color",
+        {"rows": white("base_color", 0.0, alpha_mode=MASK)},
+        {"rows": white("base_color", 0.0)},
+        "every such texture is multiplied by base_color of zero",
+    ),
+    "layers of what is blended": (
+        "layers",
+        {"rows": rows(alpha_mode=BLEND, base_color=(1.0, 1.0, 1.0, 0.999))},
+        {"rows": rows(alpha_mode=BLEND)},
+        "every masked or blended material in use is opaque wherever it is",
+    ),
+    "layers of a blended texture": (
+        "layers",
+        {"rows": rows(alpha_mode=BLEND, base_color_texture=COLOUR_TEXTURE)},
+        {"rows": rows(alpha_mode=BLEND, base_color_texture=NORMAL_TEXTURE)},
+        "every masked or blended material in use is opaque wherever it is",
+    ),
+    "layers of what is masked": (
+        "layers",
+        {"rows": rows(alpha_mode=MASK, alpha_cutoff=0.4, base_color=(1.0, 1.0, 1.0, 0.39))},
+        {"rows": rows(alpha_mode=MASK, alpha_cutoff=0.4, base_color=(1.0, 1.0, 1.0, 0.41))},
+        "every masked or blended material in use is opaque wherever it is",
+    ),
+    "layers of an unused material": (
+        "layers",
+        {"rows": [{}, {}, {}, {"alpha_mode": BLEND, "base_color": (1.0, 1.0, 1.0, 0.0)}, {}]},
+        {"rows": on_unused({"alpha_mode": BLEND, "base_color": (1.0, 1.0, 1.0, 0.0)})},
+        "no material in use is masked or blended",
+    ),
     "emission": (
         "emission",
         {"rows": [{}, {}, {}, {"emissive": (0, 0, 1e-6)}, {}]},
@@ -254,6 +285,16 @@ WRT = {
         ["texture metallic_roughness"],
     ),
     "no occlusion": ("occlusion_strength", {"rows": white("occlusion", 0.0), "sky": 1.0}, ["texture occlusion"]),
+    "opaque alphas of what is blended or masked": (
+        "base_color",
+        {"rows": [{"alpha_mode": BLEND}, {"alpha_mode": MASK}, {}, {}, {}]},
+        ["layers"],
+    ),
+    "opaque texels of what is blended": (
+        "texels",
+        {"rows": rows(alpha_mode=BLEND, base_color_texture=NORMAL_TEXTURE)},
+        ["layers"],
+    ),
     "a black sun": ("lights.directional", {}, ["light directional", "shadow_map"]),
     "black lamps": ("intensity", {}, ["light point", "light spot"]),
     "one black lamp": ("spot.intensity", {}, ["light spot"]),
@@ -305,6 +346,18 @@ def test_traced_input_raises_one_line(transform):
     with pytest.raises(TypeError, match=r"^plan_for looks at concrete values: call it outside of jit") as e:
         transform(plan)(vertices)
     assert "\n" not in str(e.value)
+
+
+def test_layers_are_as_many_as_may_lie_in_front_of_each_other():
+    """Four at most, and of one plane's two triangles two; a mask without holes is not looked up."""
+    blend, mask = {"alpha_mode": BLEND, "base_color": (1.0, 1.0, 1.0, 0.5)}, {"alpha_mode": MASK}
+    for materials, blended, masked in (
+        ([blend, {}, {}, {}, {}], 2, False),
+        ([blend, mask, {}, blend, {}], 4, False),
+        ([mask, {**mask, "base_color": (1.0, 1.0, 1.0, 0.2)}, {}, {}, {}], 0, True),
+    ):
+        planned = plan_for(small.scene(materials), CAMERA, **SIZE)[0].layers
+        assert (planned.blended, planned.masked) == (blended, masked)
 
 
 def test_what_is_asked_for_is_taken_as_it_is():
@@ -383,9 +436,10 @@ def test_a_batch_gets_the_union():
 def test_the_reasons_in_words():
     scene = small.scene(white("emissive", 0.0), directional=[(SLANTED, 1.0)], sky=1.0)
     lines = explain(needs(scene, emission=None)).splitlines()
-    assert len({line.index(name) for line, name in zip(lines, ("cull", "texture base_color"))}) == 1
+    assert len({line.index(name) for line, name in zip(lines, ("cull", "layers"))}) == 1
     assert lines == [
         "on   cull                        some material in use is single-sided",
+        "off  layers                      no material in use is masked or blended",
         "off  texture base_color          no material in use has such a texture",
         "off  texture metallic_roughness  no material in use has such a texture",
         "off  texture normal              no material in use has such a texture",
@@ -408,7 +462,7 @@ def test_every_effect_of_a_built_in_scene_has_a_reason(name):
     scene, camera = SCENES[name]()
     plan, reasons = plan_for(scene, camera, width=64, height=48)
     assert all(isinstance(reason, Reason) and reason.why and "\n" not in reason.why for reason in reasons.values())
-    for field in ("shadow_map", "emission", "ambient", "background", "dither"):
+    for field in ("layers", "shadow_map", "emission", "ambient", "background", "dither"):
         assert (getattr(plan, field) is not None) == reasons[field].on
     assert plan.cull == reasons["cull"].on
     assert plan.texture_slots == tuple(slot for slot in TEXTURE_SLOTS if reasons[f"texture {slot}"].on)
@@ -419,7 +473,8 @@ def test_every_effect_of_a_built_in_scene_has_a_reason(name):
 def full(scene: Scene) -> Plan:
     """Everything on; the shadow is that of the light that the planner would choose."""
     strongest = int(np.argmax(np.abs(scene.lights.directional.irradiance).sum(axis=-1)))
-    return Plan(**SIZE, shadow_map=ShadowMap(light=strongest))
+    layers = None if scene.materials.alpha_mode is None else Layers()
+    return Plan(**SIZE, shadow_map=ShadowMap(light=strongest), layers=layers)
 
 
 EVERY = {f"{slot}_texture": NORMAL_TEXTURE if slot == "normal" else COLOUR_TEXTURE for slot in TEXTURE_SLOTS}
@@ -438,6 +493,13 @@ MATERIALS = {
         {"unlit": True, "base_color_texture": COLOUR_TEXTURE},
         {"specular": (0.0, 0.0, 0.0, 0.0)},
         {"unlit": True},
+    ],
+    "seen through": [
+        {**EVERY, "alpha_mode": BLEND},
+        {},
+        {"alpha_mode": MASK, "base_color_texture": COLOUR_TEXTURE, "double_sided": True},
+        {"alpha_mode": BLEND, "base_color": (0.5, 0.6, 0.7, 0.4), "double_sided": True},
+        {},
     ],
 }
 unit = st.floats(-1.0, 1.0, width=32)
