@@ -13,7 +13,7 @@ import sys
 
 import numpy as np
 
-from . import gate, report
+from . import gate, memory, report
 from .measure import measure
 from .peers import found
 from .workloads import with_files
@@ -54,8 +54,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Measure, print, and write or compare; the exit code."""
     options = _options(arguments)
+    kept = memory.keep()
     present, lines = found(options.python312)
-    about = [report.machine()]
+    about = [report.machine(), f"freed memory {'stays with the process' if kept else 'may go back to the system'}"]
     about += [f"{name}: {'' if name in present else 'absent: '}{text}" for name, text in lines.items()]
     print("\n".join(about))
     peers, rows = list(present), []
