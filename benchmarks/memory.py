@@ -17,5 +17,5 @@ def keep() -> bool:
     """Whether this system's library could be told so."""
     with contextlib.suppress(OSError, AttributeError):
         tell = ctypes.CDLL(None).mallopt
-        return all([tell(threshold, MOST) for threshold in (TRIM_THRESHOLD, MMAP_THRESHOLD)])
+        return all(tell(threshold, MOST) for threshold in (TRIM_THRESHOLD, MMAP_THRESHOLD))
     return False

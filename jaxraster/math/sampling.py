@@ -3,8 +3,9 @@
 All take u `[*b 2]` in [0, 1), of 24 bits as `hash.uniform` and `sobol` make it, and keep what is spread well in the
 square spread well where they lead. A density is per unit of what is drawn from: solid angle, area, or weight.
 
-Numbers stand for the middle of their step of 2⁻²⁴: no rim, pole or centre is ever drawn, where densities are 0 or
-gradients are not finite. Gradient: exact in u except across seams, and finite in the whole square.
+Disc, hemisphere and the sphere's axis take a number for the middle of its step of 2⁻²⁴: no rim, pole or centre is ever
+drawn, where densities are 0 or gradients are not finite. Gradient: exact in u except across seams, and finite in the
+whole square.
 """
 
 import jax.numpy as jnp

@@ -7,9 +7,9 @@ Source: Sobol' 1967; Owen 1995, "Randomly Permuted (t,m,s)-Nets"; Burley 2020, "
 """
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float32, UInt32
+from jaxtyping import Array, Float32, Integer, UInt32
 
-from .hash import pcg, unit
+from .hash import bits, pcg, unit
 
 Bits = UInt32[Array, "*#b"]
 
@@ -51,7 +51,7 @@ def _scramble(x: Bits, seed: Bits) -> Bits:
     return x ^ (x * jnp.uint32(0x53A22864))
 
 
-def sobol(index: Bits, key: Bits) -> Float32[Array, "*b 2"]:
+def sobol(index: Integer[Array, "*#b"], key: Integer[Array, "*#b"]) -> Float32[Array, "*b 2"]:
     """The `index`-th of 2³² points in [0, 1)², of the sequence that belongs to `key`.
 
     A path needs more than two numbers: take a pair of each key, `sobol(sample, keyed(pixel, pair))`. The order of the
@@ -65,6 +65,7 @@ def sobol(index: Bits, key: Bits) -> Float32[Array, "*b 2"]:
         >>> sorted((4 * points[:, 0]).astype(int).tolist()), sorted((4 * points[:, 1]).astype(int).tolist())
         ([0, 1, 2, 3], [0, 1, 2, 3])
     """
+    index, key = bits(index), bits(key)
     order, first = pcg(key), pcg(key + jnp.uint32(0x9E3779B9))
     second = pcg(first)
     shuffled = _reverse(_scramble(_reverse(index), order))

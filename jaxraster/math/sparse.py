@@ -28,8 +28,10 @@ def where_present(function: Callable[[Any], Any], present: Bool[Array, "*b"], va
         >>> jnp.where(x > 0, where_present(jnp.sqrt, x > 0, x), 0.0).tolist()
         [1.0, 0.0, 3.0]
     """
+    if present.size == 0:
+        return function(values)
     shape, num = present.shape, present.size
-    chunk = max(1, min(CHUNK, num))
+    chunk = min(CHUNK, num)
     here = present.reshape(-1).astype(jnp.int32)
     order, starts = partition(here - 1)
     order = jnp.pad(order, (0, -num % chunk))
@@ -41,8 +43,11 @@ def where_present(function: Callable[[Any], Any], present: Bool[Array, "*b"], va
 
     made = jax.eval_shape(work, jax.ShapeDtypeStruct((), jnp.int32))
 
+    # Derive the zeros from the data: under `shard_map` both branches must vary over devices alike.
+    zero = sum(leaf.reshape(-1)[0].astype(jnp.int32) * 0 for leaf in jax.tree.leaves((here, flat)) if leaf.size)
+
     def skip(start):
-        return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype), made)
+        return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype) + zero.astype(value.dtype), made)
 
     def run(start):
         return lax.cond((start == 0) | (start < starts[1]), work, skip, start)

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from .score import Picture, Score, mean, pair, score
 
@@ -24,6 +25,8 @@ def relative_mse(image: Picture, reference: Picture) -> Score:
         '0.900'
     """
     image, reference, sound = pair("relative_mse", image, reference)
-    error = image - reference
-    values = jnp.mean(error * error / (reference * reference + EPSILON), axis=0)
+    # Measure both in units of the reference where that is above 1, or the squares of bright light would overflow.
+    unit = lax.stop_gradient(jnp.maximum(jnp.abs(reference), 1.0))
+    error, level = (image - reference) / unit, reference / unit
+    values = jnp.mean(error * error / (level * level + EPSILON / unit / unit), axis=0)
     return score(mean(values, sound), values, sound)

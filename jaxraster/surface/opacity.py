@@ -35,11 +35,12 @@ def casters(mesh: Mesh, modes: Int[Array, " f"]) -> Mesh:
 
 
 def opacity(fragment: Fragment, materials: Materials, fetched: dict[str, Float[Array, "*b 4"]]) -> Float[Array, "*b"]:
-    """The product of the three alphas; `fetched` may hold the base colour's texture."""
+    """The product of the three alphas, in [0, 1]; `fetched` may hold the base colour's texture."""
     alpha = fetch(materials.base_color[:, 3], fragment.material)
     if fragment.color is not None:
         alpha = alpha * fragment.color[..., 3]
-    return alpha * fetched["base_color"][..., 3] if "base_color" in fetched else alpha
+    alpha = alpha * fetched["base_color"][..., 3] if "base_color" in fetched else alpha
+    return jnp.clip(alpha, 0.0, 1.0)
 
 
 def blended_opacity(

@@ -22,7 +22,6 @@ from ..math.table import apart, fetch
 LIMIT = 1.844e18  # a tenth of √FLT_MAX: sums of products of two such coordinates stay below what float32 holds
 
 EXPONENT = 0x7F800000  # the bits of a float32 that are its power of two
-NOTHING = -1.0  # a weight where there is no face
 
 
 def rows(table: Float[Array, "f n"], face: Int[Array, "*b"], background: Float[Array, " n"]) -> Float[Array, "*b n"]:
@@ -79,13 +78,12 @@ def _formula(clip, faces, face):
 def _evaluate(clip, faces, face):
     """`barycentric` as a processor likes it: one access per number, all of a pixel's in one loop."""
     height, width = face.shape
-    # Scale by a power of two, so that huge and tiny scenes keep their products inside float32's range.
     usable = jnp.all(jnp.abs(clip) < LIMIT, axis=-1, keepdims=True)
-    clip = jnp.where(usable, clip, 1.0)
-    largest = jnp.maximum(jnp.max(jnp.abs(clip[:, 3])), safe.TINY).astype(jnp.float32)
+    corners = jnp.where(usable, clip, 1.0)[faces]
+    # Scale each face by a power of two, so that huge and tiny ones keep their products inside float32's range.
+    largest = jnp.maximum(jnp.max(jnp.abs(corners[..., 3]), axis=1), safe.TINY).astype(jnp.float32)
     scale = lax.bitcast_convert_type(lax.bitcast_convert_type(largest, jnp.int32) & EXPONENT, jnp.float32)
-    clip = clip / scale.astype(clip.dtype)
-    corners = clip[faces].reshape(-1, 12)
+    corners = (corners / scale.astype(clip.dtype)[:, None, None]).reshape(-1, 12)
 
     def corner(index, component):
         return [corners.at[index, 4 * i + component].get(mode="promise_in_bounds") for i in range(3)]
@@ -97,16 +95,26 @@ def _evaluate(clip, faces, face):
         e = [jnp.maximum(sign * v, 0.0) for v in e]
         total = e[0] + e[1] + e[2]
         total = jnp.where(total > 0, total, 1.0)
-        # Two numbers in one: XLA would evaluate all this again for each array.
-        return lax.complex(jnp.where(face >= 0, e[1] / total, NOTHING), jnp.where(face >= 0, e[2] / total, 0.0))
+        # Two numbers in one, or XLA would evaluate all this again for each array: the two weights that follow the
+        # largest, which is what they leave of 1 without loss. Their signs say which that is; both, that there is none.
+        second = (e[1] > e[0]) & (e[1] >= e[2])
+        third = (e[2] > e[0]) & (e[2] > e[1])
+        one, two = (
+            jnp.where(second, b, jnp.where(third, c, a)) / total for a, b, c in ((e[1], e[2], e[0]), (e[2], e[0], e[1]))
+        )
+        nothing = face < 0
+        return lax.complex(jnp.where(second | nothing, -one, one), jnp.where(third | nothing, -two, two))
 
     beta = apart(face[0, 0] >= -1, weigh, face)
 
     # Select each weight by its place: a stack would read its parts from memory twice.
     def weight(place, beta):
-        beta1, beta2 = jnp.real(beta), jnp.imag(beta)
-        beta0 = jnp.where(beta1 < 0, 0.0, jnp.maximum(1.0 - beta1 - beta2, 0.0))
-        return jnp.where(place == 0, beta0, jnp.where(place == 1, jnp.maximum(beta1, 0.0), beta2))
+        second, third = jnp.signbit(jnp.real(beta)), jnp.signbit(jnp.imag(beta))
+        one, two = jnp.abs(jnp.real(beta)), jnp.abs(jnp.imag(beta))
+        after = place - jnp.where(second, 1, jnp.where(third, 2, 0))
+        after = jnp.where(after < 0, after + 3, after)
+        value = jnp.where(after == 0, 1.0 - (one + two), jnp.where(after == 1, one, two))
+        return jnp.where(second & third, 0.0, value)
 
     weights = weight(jnp.arange(3, dtype=jnp.int32)[None, None, :], beta[..., None])
     index, parts = jnp.maximum(face, 0), [weight(place, beta) for place in range(3)]
@@ -141,14 +149,20 @@ def _tangents(primals, tangents):
     return barycentric(clip, faces, face), moved
 
 
+def _from_first(corners: Float[Array, "*b m"], beta: Float[Array, "*b 3"]) -> Float[Array, "*b c"]:
+    """β₁ (c₁ - c₀) + β₂ (c₂ - c₀)."""
+    num = corners.shape[-1] // 3
+    c0, c1, c2 = corners[..., :num], corners[..., num : 2 * num], corners[..., 2 * num :]
+    return beta[..., 1:2] * (c1 - c0) + beta[..., 2:3] * (c2 - c0)
+
+
 def combine(corners: Float[Array, "*b m"], beta: Float[Array, "*b 3"]) -> Float[Array, "*b c"]:
     """c₀ + β₁ (c₁ - c₀) + β₂ (c₂ - c₀) of three corners' attributes laid end to end, m = 3c.
 
-    This form gives a constant attribute exactly, and with β on the simplex stays within the corners' values.
+    This form gives a constant attribute exactly, and with β on the simplex stays within the corners' values, but for
+    rounding.
     """
-    num = corners.shape[-1] // 3
-    c0, c1, c2 = corners[..., :num], corners[..., num : 2 * num], corners[..., 2 * num :]
-    return c0 + beta[..., 1:2] * (c1 - c0) + beta[..., 2:3] * (c2 - c0)
+    return corners[..., : corners.shape[-1] // 3] + _from_first(corners, beta)
 
 
 def corners_at(
@@ -221,6 +235,6 @@ def spread(
         sum_step = step[0] + step[1] + step[2]
         change = [safe.divide(s - visibility.barycentric[..., i] * sum_step, total) for i, s in enumerate(step)]
         beta = jnp.where((visibility.face >= 0)[..., None], jnp.stack(change, axis=-1), 0.0)
-        # The changes of β sum to 0, so that the first corner is counted once and cancels.
-        derivatives.append(combine(corners, beta) - corners[..., : corners.shape[-1] // 3])
+        # The changes of β sum to 0, so that the first corner cancels.
+        derivatives.append(_from_first(corners, beta))
     return jnp.stack(derivatives, axis=-1)

@@ -4,7 +4,7 @@ The nearest opaque triangle is found first, by drawing those alone. Then the oth
 every pixel has reached it, or nothing: a masked fragment where its material is cut out is passed by; elsewhere it is
 solid and ends the pixel, as opaque ones do. A blended one takes the pixel's next layer; without a free one it is left
 out and counted. However many fragments lie in front of each other, masks are exact. One loop draws all of this, so that
-there is one rasterizer in the program, and another round costs no more than the triangles that are not opaque.
+there is one rasterizer in the program; another round draws only what is not opaque, and sorts out all faces.
 Shadows: masked triangles cast whole ones, as if nothing were cut out, and blended ones none.
 
 Gradient: none through the choice of fragments; exact through barycentrics and depth of each layer.

@@ -146,7 +146,7 @@ def _nearest(clip, faces, sides, small, *seen, height, width, depth_only):
         return lax.cond(phase == 1, lambda: (near, drawn), lambda: (drawn, id))
 
     def finish(near, id):
-        return jnp.where(near > FARTHEST, near, 0), jnp.where(id == NOBODY, -1, id)
+        return jnp.where(near > FARTHEST, near, 0), jnp.where(near > FARTHEST, id, -1)
 
     near, id = lax.cond(
         first_large > 0,
@@ -242,8 +242,13 @@ def peel(clip: Float[Array, "*b v 4"], faces: Int[Array, "f 3"], visibility: Vis
         >>> [int(layer.face[0, 0]) for layer in (first, second, peel(clip, faces, second))]
         [0, 1, -1]
     """
-    height, width = visibility.face.shape[-2:]
-    fit("peel: visibility.nearness", visibility.nearness, Int[Array, "*b h w"])
+    sizes: dict[str, int] = {}
+    for name in ("face", "nearness"):
+        fit(f"peel: visibility.{name}", getattr(visibility, name), Int[Array, "*b h w"], sizes)
+    *batch, height, width = visibility.face.shape
+    if not batch == list(visibility.nearness.shape[:-2]) == list(clip.shape[:-2]):
+        shapes = f"{list(visibility.face.shape)} of clip {list(clip.shape)}"
+        raise ValueError(f"peel: visibility must be what rasterize made of clip, got {shapes}; draw it anew")
     return _draw("peel", clip, faces, (visibility.nearness, visibility.face), height, width, cull)
 
 
@@ -254,8 +259,8 @@ def _draw(name, clip, faces, ahead, height, width, cull):
     below(f"{name}: faces", faces, clip.shape[-2], "vertices")
     clip, faces = jnp.asarray(clip), jnp.asarray(faces).astype(jnp.int32)
     if faces.shape[0] == 0 or clip.shape[-2] == 0:
-        # Draw one invisible triangle: gathers from empty tables are not defined.
-        clip = jnp.full((*clip.shape[:-2], 1, 4), jnp.nan, clip.dtype)
+        # Draw one triangle behind the camera, which no count counts: gathers from empty tables are not defined.
+        clip = jnp.full((*clip.shape[:-2], 1, 4), -1.0, clip.dtype)
         faces, cull = jnp.zeros((1, 3), jnp.int32), None
     sides = _sides(name, cull, faces.shape[0])
     return _pictures(height, width, clip.ndim - 2)(clip, ahead, faces, sides, jnp.int32(SMALL))

@@ -1,4 +1,4 @@
-"""Where pixels live while they are drawn: tile after tile, `[tiles + 1, 256]`.
+"""Where pixels live while large triangles are drawn: tile after tile, `[tiles + 1, 256]`.
 
 The last tile is for what belongs to no pixel; one that reaches beyond the picture holds pixels that nobody reads.
 """
@@ -31,11 +31,6 @@ def span(first: Ints, last: Ints) -> Ints:
 def in_front(near: Each, id: Each, other_near: Each, other_id: Each) -> Bool[Array, "..."]:
     """Whether a fragment hides another: it is nearer, or as near and of the lower face."""
     return (near > other_near) | ((near == other_near) & (id < other_id))
-
-
-def address(column: Ints, line: Ints, across: int) -> Ints:
-    """Where a pixel lies in the flattened tiles."""
-    return ((line // TILE) * across + column // TILE) * PIXELS + (line % TILE) * TILE + column % TILE
 
 
 def picture(tiles: Int[Array, "t 256"], height: int, width: int) -> Int[Array, "h w"]:

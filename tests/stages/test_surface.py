@@ -19,6 +19,7 @@ from jaxraster.surface.material import MIN_N_DOT_V, face_viewer, material, metal
 from jaxraster.surface.normal_map import normal_map
 from jaxraster.visibility.barycentric import footprint, interpolate
 from jaxraster.visibility.project import project
+from jaxraster.visibility.raster import rasterize
 
 SIZE = {"height": 48, "width": 64}
 NUM_FACES = 60
@@ -521,3 +522,25 @@ def test_the_gradient_of_a_map_of_uvs_is_that_of_the_uvs_as_they_are():
         step = jnp.zeros((2, 3)).at[i, j].set(1e-3)
         expected = float(total(identity + step) - total(identity - step)) / 2e-3
         assert abs(slope[i, j] - expected) < 0.02 * np.abs(slope).max(), (i, j)
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_depth_of_a_plane_to_the_horizon_is_that_of_double_precision(turn):
+    """Whichever corner is the far one: its weight is tiny, and multiplied by its w."""
+    corners = np.array([[0, 0.9e6, 0.1, 1e6], [-0.2, -0.2, 0.1, 0.2], [0.2, -0.2, 0.1, 0.2]], np.float32)
+    clip = np.roll(corners, turn, axis=0)
+    visibility = jax.jit(lambda clip: rasterize(clip, FACES[:1], **SIZE))(jnp.asarray(clip))
+    rows, columns, corners = covered(clip, visibility)
+    exact = exact_barycentric(corners, columns + 0.5, rows + 0.5)
+    inside = (exact >= 0).all(axis=-1)
+    z, w = (np.einsum("pk,pk->p", exact, corners[..., i].astype(np.float64)) for i in (2, 3))
+    assert inside.sum() > 100
+    np.testing.assert_allclose(np.asarray(visibility.depth)[rows, columns][inside], (z / w)[inside], rtol=8 * ULP)
+
+
+def test_footprints_of_attributes_far_from_zero_lose_nothing():
+    clip = jnp.array([[-1.0, -1, 0.5, 1], [3, -1, 0.5, 1], [-1, 3, 0.5, 1]])
+    attributes = 2.0**13 + jnp.array([[0.0], [2.0**-8], [0.0]])
+    visibility = rasterize(clip, FACES[:1], **SIZE)
+    footprints = footprint(attributes, clip, FACES[:1], visibility)
+    np.testing.assert_allclose(np.asarray(footprints[..., 0, 0]), 2.0**-8 / (2 * SIZE["width"]), rtol=1e-5)
