@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Float32, Int
+from jaxtyping import Array, Float, Float32, Int, Int32
 
 from ..buffers import Stats
 from ..check import below, fit
@@ -35,14 +35,15 @@ EMPTY = (jnp.inf,) * 3 + (-jnp.inf,) * 3  # the box of nothing
 class Tree:
     """Triangles ready to be traced: their corners, in an order of their own, and boxes around them, unless few.
 
-    `nodes` are four boxes (low corner, high corner) and four children, as bits of int32; `leaves` four triangles'
-    corners and their faces, likewise. `stats` counts the faces that were left out.
+    `nodes` are four boxes (low corner, high corner), as the bits of float32, and four children; `leaves` four
+    triangles' corners, likewise, and their faces. Not the other way round: as float32, negative ids are NaN.
+    `stats` counts the faces that were left out.
     """
 
     corners: Float32[Array, "*b f 3 3"]
     stats: Stats
-    nodes: Float32[Array, "*b n 32"] | None = None
-    leaves: Float32[Array, "*b l 40"] | None = None
+    nodes: Int32[Array, "*b n 32"] | None = None
+    leaves: Int32[Array, "*b l 40"] | None = None
 
 
 def _prepare(where: str, vertices, faces):
@@ -65,33 +66,37 @@ def _boxes(corners: Float32[Array, "f 3 3"]) -> Float32[Array, "f 6"]:
     """Each triangle's box, a little enlarged; of one that can never be hit, an empty one, from inf to -inf."""
     low, high = jnp.min(corners, axis=1), jnp.max(corners, axis=1)
     margin = MARGIN * jnp.max(high - low, axis=1, keepdims=True)
-    box = jnp.concatenate([low - margin, high + margin], axis=1)
+    # By a rounding at least: far from 0 the margin is less, and a ray within a face of the box must meet it.
+    low = jnp.minimum(low - margin, jnp.nextafter(low, jnp.float32(-jnp.inf)))
+    high = jnp.maximum(high + margin, jnp.nextafter(high, jnp.float32(jnp.inf)))
+    box = jnp.concatenate([low, high], axis=1)
     return jnp.where(margin > 0, box, jnp.array([EMPTY], jnp.float32))
 
 
-def _bits(integers: Int[Array, "..."]) -> Float32[Array, "..."]:
-    return lax.bitcast_convert_type(integers.astype(jnp.int32), jnp.float32)
+def _bits(numbers: Float32[Array, "*n"]) -> Int32[Array, "*n"]:
+    return lax.bitcast_convert_type(numbers, jnp.int32)
 
 
 @jax.jit
-def _rows(boxes: Float32[Array, "n 4 6"], child: Int[Array, "n 4"]) -> Float32[Array, "n 32"]:
+def _rows(boxes: Float32[Array, "n 4 6"], child: Int32[Array, "n 4"]) -> Int32[Array, "n 32"]:
     """Rows of four boxes and their children."""
-    row = jnp.concatenate([boxes.reshape(-1, 6 * WIDE), _bits(child)], axis=1)
+    row = jnp.concatenate([_bits(boxes.reshape(-1, 6 * WIDE)), child], axis=1)
     return jnp.pad(row, ((0, 0), (0, NODE - row.shape[1])))
 
 
 @jax.jit
-def _leaves(corners: Float32[Array, "f 3 3"], slots: Int[Array, "l 4"]) -> Float32[Array, "l 40"]:
+def _leaves(corners: Float32[Array, "f 3 3"], slots: Int32[Array, "l 4"]) -> Int32[Array, "l 40"]:
     """Rows of four triangles and their faces; where a slot is -1, of one that can never be hit."""
     flat = jnp.where((slots >= 0)[..., None], corners.reshape(-1, 9)[slots], 0.0)
-    return jnp.concatenate([flat.reshape(slots.shape[0], -1), _bits(slots)], axis=1)
+    return jnp.concatenate([_bits(flat.reshape(slots.shape[0], -1)), slots], axis=1)
 
 
 def build(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Tree:
     """A tree split by surface area, made on the host, so that positions must be known: not inside of `jit`.
 
-    Triangles with a corner that is not finite or beyond 1e12, without area, or that name no vertex, are left out and
-    counted in `stats`. Up to 128 triangles there is no tree, and positions may be traced.
+    Triangles with a corner that is not finite or beyond 1e12, or without area, are left out and counted in `stats`.
+    So are faces that name no vertex where they are traced; where they are known, these raise. Up to 128 triangles
+    there is no tree, and positions may be traced.
 
     Example:
         >>> tree = build(jnp.eye(3), jnp.array([[0, 1, 2], [0, 1, 1]]))
@@ -131,8 +136,8 @@ def _morton(boxes: Float32[Array, "f 6"]) -> Int[Array, " f"]:
 def build_morton(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Tree:
     """A tree over triangles in Morton order, traced: for positions that change with each call.
 
-    It is made some twenty times as fast as `build`'s and walked half as fast. What is left out is as there, and up to
-    128 triangles there is no tree.
+    It is made faster than `build`'s and walked more slowly, for its boxes overlap more. What is left out is as there,
+    and up to 128 triangles there is no tree.
 
     Example:
         >>> tree = build_morton(jnp.eye(3), jnp.array([[0, 1, 2]]))

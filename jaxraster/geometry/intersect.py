@@ -23,19 +23,23 @@ from ..math import safe
 from ..math.table import fetch
 from ..record import Scalar, record
 
-LIMIT = 1e12  # the largest coordinate: sums of products of three of them, each doubled, stay within float32
+# The largest coordinate: sums of products of three of them, each doubled, stay within float32. At the lower end, such
+# products vanish for triangles of about 1e-12 and less seen from as near: below that, rays may miss them.
+LIMIT = 1e12
 # In units of the largest coordinate and of the triangle's size over its height: 16 roundings of 2⁻²⁴, of which the
 # place takes a few and the test as many; no ray of the tests meets its own triangle at one of them.
 OFFSET = 2.0**-20
+# In units of the longest edge, the farthest that slivers move a place: a sixteenth of it still met own triangles.
+FARTHEST = 2.0**-10
 AXES = (1, 2, 0), (2, 0, 1), (0, 1, 2)  # the order of coordinates that puts the axis 0, 1 or 2 last
 
 
 @record
 class Rays:
-    """origin + t direction for t_min < t < t_max; directions of any length, t counts in it.
+    """origin + t direction for t_min < t < t_max; t counts in lengths of the direction.
 
-    A t_min below 0 counts as 0. Rays with a number that is NaN, an infinite or zero direction, or an origin beyond
-    1e12 hit nothing and cost nothing.
+    A direction's largest component lies within 1e-30 and 1e30. A t_min below 0 counts as 0. Rays with a number that is
+    NaN, a direction of 0 or otherwise out of range, or an origin beyond 1e12 hit nothing and cost nothing.
     """
 
     origin: Float[Array, "*b 3"]
@@ -174,9 +178,10 @@ def spawn(
 ) -> Rays:
     """Rays that leave places on faces and do not meet the same face again; none, of direction 0, where it is -1.
 
-    p = a + β_b (b - a) + β_c (c - a), moved off the face to the direction's side by 2⁻²⁰ (M + L²/h): M is the face's
-    largest coordinate, L its longest edge and h its height above it. This bounds what rounding can do to p and to
-    the test, so that no constant in metres is needed.
+    p = a + β_b (b - a) + β_c (c - a), moved off the face to the direction's side by 2⁻²⁰ M + min(2⁻²⁰ L²/h, 2⁻¹⁰ L):
+    M is the face's largest coordinate, L its longest edge and h its height above it. Without the minimum, this bounds
+    what rounding can do to p and to the test, so that no constant in metres is needed. The minimum, from h < L / 1024
+    on, keeps places of slivers near them: never farther off than 2⁻²⁰ M + 2⁻¹⁰ L.
     Gradient: exact in vertices, barycentrics and direction; 0 through the offset.
     Source: after Pharr, Jakob & Humphreys 2023, "Physically Based Rendering", 6.8.6, whose bound goes without L²/h
     because its test rejects small t; ours has no such test.
@@ -202,6 +207,7 @@ def spawn(
     coordinate = jnp.max(jnp.abs(jnp.concatenate([a, a + u, a + v], axis=-1)), axis=-1)
     normal = safe.normalize(cross)
     side = jnp.where(safe.dot(normal, towards) < 0, -1.0, 1.0).astype(normal.dtype)
-    step = (OFFSET * side * (coordinate + sliver))[..., None] * normal
+    distance = OFFSET * coordinate + jnp.minimum(OFFSET * sliver, FARTHEST * longest)
+    step = (side * distance)[..., None] * normal
     hit = (face >= 0)[..., None]
     return Rays(origin=jnp.where(hit, place + step, 0.0), direction=jnp.where(hit, direction, 0.0))

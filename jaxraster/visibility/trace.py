@@ -2,8 +2,8 @@
 
 Few triangles are all tested against every ray (`trace_dense`); a tree is walked by streams of rays (`trace_tree`), or
 handed to Embree (`trace_embree`). All loops are of dynamic length over chunks of fixed size, and batches run one after
-the other, so that results do not depend on what is traced together. Neighbours should stand near each other in the
-arrays: rays of a picture in its order, shadow rays in that of their places.
+the other. Against few triangles, results do not depend on what is traced together. Neighbours should stand near each
+other in the arrays: rays of a picture in its order, shadow rays in that of their places.
 
 Gradient: none, on purpose: `stop_gradient` stands in `_hits`. What has one is recomputed from the face, by
 `geometry.intersect.intersection`.
@@ -48,7 +48,7 @@ def _by_axis(axis):
 
 
 def _as_they_are(axis):
-    """The same for rays of one axis, as most pictures' are: a sixth of the time against few triangles."""
+    """The same for rays of one axis, as most pictures' are: nothing to sort and to count."""
     starts = jnp.where(jnp.arange(4, dtype=jnp.int32) <= axis[0], 0, axis.shape[0])
     return jnp.arange(axis.shape[0], dtype=jnp.int32) + axis * 0, starts
 
@@ -67,7 +67,7 @@ def _search(rays, tree, any_hit, backend):
     order, starts = lax.cond(jnp.all(axis == axis[0]) & usable[0], _as_they_are, _by_axis, axis)
     ordered = fetch(rays, order)
     if tree.nodes is None:
-        hits, steps = trace_dense(tree.corners, ordered, starts)
+        hits, steps = trace_dense(tree.corners, ordered, starts, any_hit)
     elif backend == "embree":
         hits, steps = trace_embree(tree.corners, ordered, starts[3], any_hit)
     else:
@@ -108,7 +108,8 @@ def trace(rays: Rays, tree: Tree, *, backend: str = "jax") -> Hits:
     Args:
         tree: of `build` or `build_morton`.
         backend: "jax", or "embree" for Embree on the host, where the package embreex is installed: several times as
-            fast with a tree, without promises about edges, ties and small t_min. Few triangles are always tested here.
+            fast with a tree, without promises about edges, ties and small t_min; a hit at t_max itself counts there.
+            Few triangles are always tested here.
 
     Closed surfaces have no gaps: a ray through an edge or corner hits one of the faces there. Embree's rounding is
     its own.

@@ -25,12 +25,12 @@ def face_of(hits: Complex64[Array, "*n"]) -> Int32[Array, "*n"]:
 
 
 def trace_dense(
-    corners: Float32[Array, "f 3 3"], rays: Float32[Array, "n 8"], starts: Int[Array, "4"]
+    corners: Float32[Array, "f 3 3"], rays: Float32[Array, "n 8"], starts: Int[Array, "4"], any_hit: bool
 ) -> tuple[Complex64[Array, " n"], Int[Array, ""]]:
     """The nearest hits of rays (origin, direction, t_min, t_max), those of equal t on the lowest face; steps taken.
 
     Rays from `starts[k]` on mostly follow axis k; those from `starts[3]` on are none, and what is returned for them
-    is not defined.
+    is not defined. With `any_hit`, the face is 0 and t -inf where there is one.
     """
     num, count = rays.shape[0], corners.shape[0]
     chunk = min(CHUNK, num)
@@ -49,6 +49,12 @@ def trace_dense(
         origin, direction = ([block[first + axes[k]] for k in range(3)] for first in (0, 3))
         shear, per_z = (direction[0] / direction[2], direction[1] / direction[2]), 1.0 / direction[2]
 
+        def test_any(step, found):
+            for face in range(UNROLL):
+                met, t = strike(table[step * UNROLL + face], origin, shear, per_z)
+                found |= met & (t > block[6]) & (t < block[7])
+            return found
+
         def test(step, best):
             for face in range(UNROLL):
                 face = step * UNROLL + face
@@ -56,13 +62,15 @@ def trace_dense(
                 best = jnp.where(met & (t > block[6]) & (t < lax.real(best)), hit(t, face), best)
             return best
 
-        none = hit(block[7], jnp.int32(-1) + 0 * axis)
-        best = lax.fori_loop(0, corners.shape[0] // UNROLL, test, none)
+        none = jnp.zeros(chunk, bool) | (axis < 0) if any_hit else hit(block[7], 0 * axis - 1)
+        best = lax.fori_loop(0, corners.shape[0] // UNROLL, test_any if any_hit else test, none)
         # What lies beyond this axis' rays is written again, with those of the next.
         hits = lax.dynamic_update_slice_in_dim(hits, best, place, 0)
         return jnp.minimum(place + chunk, starts[axis + 1]), hits, steps + 1
 
     zero = starts[0] * 0
-    state = zero, hit(columns[7], zero - 1), zero
-    _, hits, steps = lax.while_loop(lambda state: state[0] < starts[3], trace_chunk, state)
+    none = jnp.zeros(num + chunk, bool) | (zero < 0) if any_hit else hit(columns[7], zero - 1)
+    _, hits, steps = lax.while_loop(lambda state: state[0] < starts[3], trace_chunk, (zero, none, zero))
+    if any_hit:
+        hits = hit(jnp.full(num + chunk, -jnp.inf), hits.astype(jnp.int32) - 1)
     return hits[:num], steps

@@ -9,7 +9,7 @@ Source: the conservative box test is Ize 2013, "Robust BVH Ray Traversal".
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Complex64, Float32, Int
+from jaxtyping import Array, Complex64, Float32, Int, Int32
 
 from ..geometry.bvh import NONE, WIDE
 from ..geometry.intersect import AXES, main_axis, strike
@@ -22,7 +22,7 @@ PAIRS = 2048  # taken at a time
 FEW = 16  # times as many pairs as there are rays: of few rays, more than one pair each, for a step costs much
 SPARE = 6  # times PAIRS that the stack may grow before fewer are taken
 DEEPEST = 36  # levels of nodes in any tree: 40 + 31 splits in two, two a level
-SLACK = 1.0 + 2.0**-20  # of distances to boxes: 16 roundings, of which the test makes six
+SLACK = 1.0 + 2.0**-20  # of distances to boxes: 16 roundings, of which the test makes eight
 MISSED = 2**31 - 1  # the key of a box that is not met, and the face of no triangle: others are lower
 LEAST = 2.0**-100  # a direction's component in units of its largest; none is 0, and 0 · inf does not occur
 
@@ -31,8 +31,9 @@ def _rows(rays):
     """What rays are tested with, against boxes and triangles, from their rows (origin, direction, t_min, t_max)."""
     origin, direction, t_min = [rays[:, k] for k in range(3)], [rays[:, k] for k in range(3, 6)], rays[:, 6]
     axis, length = main_axis(direction), jnp.max(jnp.abs(rays[:, 3:6]), axis=1)
-    least = LEAST * length
-    inverse = [length / jnp.where(jnp.abs(v) < least, jnp.copysign(least, v), v) for v in direction]
+    # Divide by the length before comparing: LEAST of a short direction would be 0.
+    units = [v / length for v in direction]
+    inverse = [1.0 / jnp.where(jnp.abs(v) < LEAST, jnp.copysign(LEAST, v), v) for v in units]
     x, y, z = _ordered(direction, axis)
     bits = lax.bitcast_convert_type(axis, jnp.float32)
     boxes = [*origin, *inverse, length, t_min * length / SLACK]
@@ -171,8 +172,8 @@ def _trace(nodes, leaves, rays, count, any_hit):
 
 
 def trace_tree(
-    nodes: Float32[Array, "m 32"],
-    leaves: Float32[Array, "l 40"],
+    nodes: Int32[Array, "m 32"],
+    leaves: Int32[Array, "l 40"],
     rays: Float32[Array, "n 8"],
     count: Int[Array, ""],
     any_hit: bool,
@@ -183,6 +184,8 @@ def trace_tree(
     """
     num = rays.shape[0]
     chunk = min(RAYS, num)
+    # Most of a row are coordinates: as bits they would be converted at each reader.
+    nodes, leaves = (lax.bitcast_convert_type(rows, jnp.float32) for rows in (nodes, leaves))
     rays = jnp.pad(rays, ((0, -num % chunk), (0, 0)))
 
     def trace_chunk(state):

@@ -80,7 +80,7 @@ def test_spawned_rays_carry_the_gradient_of_their_place():
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e-4, 1.0, 1e4, 1e8])
-@pytest.mark.parametrize("sliver", [1.0, 1e-2])
+@pytest.mark.parametrize("sliver", [1.0, 1e-2, 1e-5])
 def test_no_spawned_ray_meets_its_own_triangle(scale, sliver):
     """To both sides, at any angle down to a thousandth of a radian; each ray against all triangles, none its own."""
     rng = np.random.default_rng(1)
@@ -98,6 +98,14 @@ def test_no_spawned_ray_meets_its_own_triangle(scale, sliver):
     rays = spawn(vertices, faces, face, weights, jnp.asarray(along + steep * normal, jnp.float32))
     hits = trace(rays, build(vertices, faces))
     assert int((hits.face == face).sum()) == 0
+
+
+@pytest.mark.parametrize("sliver", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+def test_places_on_slivers_are_moved_by_no_more_than_a_thousandth_of_their_length(sliver):
+    vertices, faces = jnp.array([[0.0, 0, 0], [10, 0, 0], [5, 10 * sliver, 0]]), jnp.array([[0, 1, 2]])
+    weights, up = jnp.array([[0.25, 0.25, 0.5]]), jnp.array([[0.0, 0.0, 1.0]])
+    moved = spawn(vertices, faces, jnp.array([0]), weights, up).origin[0, 2]
+    assert 10 * 2.0**-20 < moved <= 10 * (2.0**-20 + 2.0**-10) * (1 + 1e-6)
 
 
 def test_rays_leave_a_convex_body_unhindered():

@@ -76,10 +76,11 @@ def test_soups_of_very_large_and_very_small_triangles_are_hit_as_in_double_preci
 
 
 @BUILDERS
-def test_any_hit_is_closest_hit_within_the_same_limits(build):
+@pytest.mark.parametrize("count", [100, 1000])
+def test_any_hit_is_closest_hit_within_the_same_limits(build, count):
     """t_max at the hit itself excludes it, a rounding more includes it, and t_min the same."""
     rng = np.random.default_rng(5)
-    vertices, faces = soup(1000, rng)
+    vertices, faces = soup(count, rng)
     origin, direction = at_soup(vertices, faces, rng)
     tree = build(vertices, faces)
     free = trace(rays_of(origin, direction), tree)
@@ -158,23 +159,33 @@ def cube_grid(n=4):
 
 @BUILDERS
 @pytest.mark.parametrize("zero", [0.0, -0.0])
-def test_axis_aligned_rays_hit_every_face_edge_and_corner_of_a_cube_grid(build, zero):
-    """Components of either zero, origins in the planes of the boxes, and t exact."""
+@pytest.mark.parametrize(("offset", "length"), [(0, 1), (100, 1), (1000, 1), (0, 2.0**-30), (100, 2.0**66)])
+def test_axis_aligned_rays_hit_every_face_edge_and_corner_of_a_cube_grid(build, zero, offset, length):
+    """Components of either zero, origins in the planes of the boxes, and t exact: lengths are powers of two."""
     vertices, faces = cube_grid()
-    tree = build(vertices, faces)
+    tree = build(vertices + np.float32(offset), faces)
     places = np.linspace(0, 4, 17)
     u, v = (axis.reshape(-1) for axis in np.meshgrid(places, places))
     for axis in range(3):
         for start, way in ((-1.0, 1.0), (5.0, -1.0), (2.0, 1.0), (2.0, -1.0)):
             origin = np.insert(np.stack([u, v], axis=-1), axis, start, axis=-1)
             direction = np.full_like(origin, zero)
-            direction[:, axis] = way
-            hits = trace(rays_of(origin, direction), tree)
-            expected = 1.0 if start != 2.0 else 2.0
+            direction[:, axis] = way * length
+            hits = trace(rays_of(origin + offset, direction), tree)
+            expected = (1.0 if start != 2.0 else 2.0) / length
             inner = (u % 4 != 0) & (v % 4 != 0)
             assert np.all(np.asarray(hits.t)[inner] == expected)
             # In a side's plane the ray may meet that side's own edge sooner, never later.
             assert np.all(np.asarray(hits.t) <= expected)
+
+
+@pytest.mark.parametrize("length", [2e-30, 1e-9, 1.0, 1e20, 5e29])
+def test_distances_to_boxes_are_finite_along_directions_of_any_length(length):
+    """An infinite inverse of a component would make 0 · inf in a box's plane."""
+    rays = jnp.array([[0.0, 0, 0, length, 0.0, -0.0, 0.0, 1.0]], jnp.float32)
+    boxes, _ = jax.jit(trace_tree._rows)(rays)
+    inverse = np.asarray(boxes)[0, 3:6]
+    assert inverse[0] == 1 and 1e30 < inverse[1] < np.inf and -np.inf < inverse[2] < -1e30
 
 
 @pytest.mark.parametrize("tree", [False, True], ids=["dense", "tree"])
@@ -248,6 +259,16 @@ def test_a_stack_without_room_loses_nothing(monkeypatch):
     hits, more = jax.jit(lambda rows: trace_tree.trace_tree(tree.nodes, tree.leaves, rows, jnp.int32(64), False))(rows)
     np.testing.assert_array_equal(trace_dense.face_of(hits), expected.face)
     assert int(more) > 2 * usual
+
+
+@BUILDERS
+def test_nothing_that_is_not_a_number_is_made_on_the_way(build):
+    vertices, faces = with_dust(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32))
+    rays = rays_of(np.zeros((8, 3)), np.repeat([[1.0], [0.0]], 4, axis=0) * np.ones((8, 3)))
+    with jax.debug_nans(True):
+        tree = build(vertices, faces)
+        assert trace(rays, tree).face.tolist() == [0] * 4 + [-1] * 4
+        assert occluded(rays, tree).tolist() == [True] * 4 + [False] * 4
 
 
 @pytest.mark.parametrize("tree", [False, True], ids=["dense", "tree"])
