@@ -44,7 +44,8 @@ def where_present(function: Callable[[Any], Any], present: Bool[Array, "*b"], va
     made = jax.eval_shape(work, jax.ShapeDtypeStruct((), jnp.int32))
 
     # Derive the zeros from the data: under `shard_map` both branches must vary over devices alike.
-    zero = sum(leaf.reshape(-1)[0].astype(jnp.int32) * 0 for leaf in jax.tree.leaves((here, flat)) if leaf.size)
+    leaves = [leaf for leaf in jax.tree.leaves((here, flat)) if leaf.size]
+    zero = sum((leaf.reshape(-1)[0].astype(jnp.int32) * 0 for leaf in leaves), jnp.int32(0))
 
     def skip(start):
         return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype) + zero.astype(value.dtype), made)
