@@ -166,12 +166,10 @@ def test_what_a_file_says_reaches_no_terminal_raw(tmp_path, name):
 
 
 def test_notes_are_few_short_and_printable(tmp_path):
-    document = edit(cube(), "/materials/0/name", UGLY)
-    document["materials"][0]["alphaMode"] = "BLEND"
-    document["extensionsUsed"] = [f"EXT_{i}" for i in range(1000)] + [UGLY]
-    notes = read(document, tmp_path).notes
-    assert len(notes) == 2 and all(note.isprintable() and len(note) < 3000 for note in notes)
-    assert notes[0] == "extensions are ignored: EXT_0, EXT_1, EXT_2, EXT_3, EXT_4 and 996 more"
+    document = cube() | {"extensionsUsed": [UGLY, *(f"EXT_{i}" for i in range(1000))]}
+    (note,) = read(document, tmp_path).notes
+    assert note.isprintable() and len(note) < 3000
+    assert note.startswith("extensions are ignored: ") and note.endswith(", EXT_0, EXT_1, EXT_2, EXT_3 and 996 more")
 
 
 def test_json_of_any_depth_is_one_line(tmp_path):
