@@ -103,7 +103,8 @@ def _evaluate(clip, faces, face):
             jnp.where(second, b, jnp.where(third, c, a)) / total for a, b, c in ((e[1], e[2], e[0]), (e[2], e[0], e[1]))
         )
         nothing = face < 0
-        return lax.complex(jnp.where(second | nothing, -one, one), jnp.where(third | nothing, -two, two))
+        signs = (jnp.where(where | nothing, -1.0, 1.0) for where in (second, third))
+        return lax.complex(*(value * sign for value, sign in zip((one, two), signs)))
 
     beta = apart(face[0, 0] >= -1, weigh, face)
 
