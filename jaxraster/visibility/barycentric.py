@@ -209,7 +209,7 @@ def footprint(
         >>> clip, faces = jnp.array([[-1.0, -1, 0.5, 1], [3, -1, 0.5, 1], [-1, 3, 0.5, 1]]), jnp.array([[0, 1, 2]])
         >>> visibility = rasterize(clip, faces, height=2, width=4)
         >>> footprint(clip[:, :2], clip, faces, visibility)[0, 0].tolist()  # two units over 4 and over 2 pixels
-        [[0.5, 0.0], [0.0, -1.0]]
+        [[0.5, -0.0], [0.0, -1.0]]
     """
     sizes: dict[str, int] = {}
     fit("footprint: attributes", attributes, Float[Array, "v c"], sizes, batched=False)
