@@ -22,6 +22,7 @@ from ..math.table import apart, fetch
 LIMIT = 1.844e18  # a tenth of √FLT_MAX: sums of products of two such coordinates stay below what float32 holds
 
 EXPONENT = 0x7F800000  # the bits of a float32 that are its power of two
+TWO_BIASES = 0x7F000000  # less those bits, they are those of the reciprocal of the power
 
 
 def rows(table: Float[Array, "f n"], face: Int[Array, "*b"], background: Float[Array, " n"]) -> Float[Array, "*b n"]:
@@ -38,10 +39,20 @@ def _from(centres: np.ndarray, values, w):
     return [value - left * scale for value, scale in zip(q, w)] if left.any() else q
 
 
-def _products(x, y, w, height: int, width: int):
-    """q_x, q_y and e of corners at pixels `[h, w]`."""
+def _scale(w):
+    """The power of two that brings the corners' largest |w| to [1, 2): it loses no digit, and products of huge and of
+    tiny scenes stay inside float32's range."""
+    largest = jnp.maximum(jnp.maximum(jnp.maximum(abs(w[0]), abs(w[1])), abs(w[2])), safe.TINY)
+    power = lax.bitcast_convert_type(lax.stop_gradient(largest).astype(jnp.float32), jnp.int32) & EXPONENT
+    return lax.bitcast_convert_type(TWO_BIASES - power, jnp.float32).astype(w[0].dtype)
+
+
+def _products(x, y, w, scale, height: int, width: int):
+    """Scaled q_x and q_y, and e of these, of corners at pixels `[h, w]`."""
     qx = _from((2.0 * np.arange(width)[None, :] + 1) / width - 1, x, w)
     qy = _from(1 - (2.0 * np.arange(height)[:, None] + 1) / height, y, w)
+    # Scale only now: the differences above are to round once, and XLA would fuse a scaled corner's product instead.
+    qx, qy = ([scale * value for value in q] for q in (qx, qy))
     # Round one product, which a comparison forces: XLA would fuse either into the difference, and then a triangle with
     # its corners in another order gets other weights.
     rounded = [qy[i] * qx[j] for i, j in ((1, 2), (2, 0), (0, 1))]
@@ -49,18 +60,20 @@ def _products(x, y, w, height: int, width: int):
     return qx, qy, [qx[i] * qy[j] - r for r, (i, j) in zip(rounded, ((1, 2), (2, 0), (0, 1)))]
 
 
+def _finite_corners(clip, faces):
+    """Corners `[f, 3, 4]`; for those that no picture shows, but that have a derivative, harmless ones."""
+    return jnp.where(jnp.all(jnp.abs(clip) < LIMIT, axis=-1, keepdims=True), clip, 1.0)[faces]
+
+
 def _edges(clip, faces, face):
-    """q_x, q_y, w, z of the three corners, and e, at every pixel; where there is no face, of one that is harmless."""
+    """Scaled q_x, q_y, w, z of the three corners, and e, at every pixel; where there is no face, of one harmless."""
     height, width = face.shape
-    corners = clip[faces]
-    # Scale each face to w about 1, so that tiny and huge scenes keep their products inside float32's range.
-    scale = lax.stop_gradient(jnp.max(jnp.abs(corners[..., 3]), axis=1))[:, None, None]
-    usable = jnp.all(jnp.abs(corners) < LIMIT, axis=(1, 2), keepdims=True) & (scale > safe.TINY)
-    corners = jnp.where(usable, corners, 1.0) / jnp.where(usable, scale, 1.0)
-    table = jnp.swapaxes(corners, 1, 2).reshape(-1, 12)
+    table = jnp.swapaxes(_finite_corners(clip, faces), 1, 2).reshape(-1, 12)
     row = rows(table, face, jnp.array([1, 0, -1, 0, 1, -1, 0, 0, 0, 1, 1, 1], clip.dtype))
     x, y, z, w = (tuple(row[..., 3 * c + i] for i in range(3)) for c in range(4))
-    qx, qy, e = _products(x, y, w, height, width)
+    scale = _scale(w)
+    qx, qy, e = _products(x, y, w, scale, height, width)
+    w, z = ([scale * value for value in part] for part in (w, z))
     return qx, qy, w, z, e
 
 
@@ -78,19 +91,14 @@ def _formula(clip, faces, face):
 def _evaluate(clip, faces, face):
     """`barycentric` as a processor likes it: one access per number, all of a pixel's in one loop."""
     height, width = face.shape
-    usable = jnp.all(jnp.abs(clip) < LIMIT, axis=-1, keepdims=True)
-    corners = jnp.where(usable, clip, 1.0)[faces]
-    # Scale each face by a power of two, so that huge and tiny ones keep their products inside float32's range.
-    largest = jnp.maximum(jnp.max(jnp.abs(corners[..., 3]), axis=1), safe.TINY).astype(jnp.float32)
-    scale = lax.bitcast_convert_type(lax.bitcast_convert_type(largest, jnp.int32) & EXPONENT, jnp.float32)
-    corners = (corners / scale.astype(clip.dtype)[:, None, None]).reshape(-1, 12)
+    corners = _finite_corners(clip, faces).reshape(-1, 12)
 
     def corner(index, component):
         return [corners.at[index, 4 * i + component].get(mode="promise_in_bounds") for i in range(3)]
 
     def weigh(face):
         x, y, w = (corner(jnp.maximum(face, 0), component) for component in (0, 1, 3))
-        _, _, e = _products(x, y, w, height, width)
+        _, _, e = _products(x, y, w, _scale(w), height, width)
         sign = jnp.where(e[0] + e[1] + e[2] < 0, -1.0, 1.0)
         e = [jnp.maximum(sign * v, 0.0) for v in e]
         total = e[0] + e[1] + e[2]
