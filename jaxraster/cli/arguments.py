@@ -64,7 +64,7 @@ def direction(word: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def limit(word: str) -> tuple[str, int]:
+def _limit(word: str) -> tuple[str, int]:
     """`NAME=N`: the name of a limit and a whole number of at least 1."""
     from ..io.reading import Limits
 
@@ -73,6 +73,18 @@ def limit(word: str) -> tuple[str, int]:
     if name not in known:
         raise argparse.ArgumentTypeError(f"unknown name {name!r}{guess(name, known)}")
     return name, whole(1)(number)
+
+
+def add_limit(parser: argparse.ArgumentParser, does: str) -> None:
+    """`--limit NAME=N`, as often as wanted, of what the command does."""
+    parser.add_argument(
+        "--limit",
+        type=_limit,
+        action="append",
+        default=[],
+        metavar="NAME=N",
+        help=f"{does} up to N of something; 'jaxraster limits' lists the names",
+    )
 
 
 def names(word: str) -> list[str]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError, OutputError, UsageError
-from .arguments import choose, limit
+from .arguments import add_limit, choose
 from .terminal import complain, interruptible, progress, say
 
 LIGHT = (".hdr", ".pic", ".exr")
@@ -43,14 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("reference", metavar="REFERENCE", help="what it should look like: of the same size and kind")
     option("-o", "--output", metavar="MAP", help="also draw where they differ (.png, .jpg), from black 0 to yellow 1")
     option("--metric", default="flip", metavar="NAME", help=f"what MAP shows: {', '.join(METRICS)} (default: flip)")
-    option(
-        "--limit",
-        type=limit,
-        action="append",
-        default=[],
-        metavar="NAME=N",
-        help="read up to N of something; 'jaxraster limits' lists the names",
-    )
+    add_limit(parser, "read")
 
 
 def _check(arguments: argparse.Namespace) -> bool:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 
 from ..errors import InputError, OutputError, UsageError
-from .arguments import choose, direction, finite, guess, limit, names, whole
+from .arguments import add_limit, choose, direction, finite, guess, names, whole
 from .terminal import complain, interruptible, progress, say
 
 
@@ -57,14 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     repairs = parser.add_mutually_exclusive_group()
     repairs.add_argument("--repair", action="store_true", help="drop what is broken in the file, and count it")
     repairs.add_argument("--strict", action="store_true", help="refuse what would be put right, or clamped")
-    option(
-        "--limit",
-        type=limit,
-        action="append",
-        default=[],
-        metavar="NAME=N",
-        help="read or draw up to N of something; 'jaxraster limits' lists the names",
-    )
+    add_limit(parser, "read or draw")
 
 
 def _check(arguments: argparse.Namespace) -> None:

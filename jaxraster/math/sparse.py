@@ -12,7 +12,7 @@ from jax import lax
 from jaxtyping import Array, Bool
 
 from .scan import partition, running_sum
-from .table import fetch
+from .table import fetch, zeros_as
 
 CHUNK = 2**14  # elements worked on together: enough for the threads of a processor, few enough to skip most of the rest
 
@@ -43,12 +43,10 @@ def where_present(function: Callable[[Any], Any], present: Bool[Array, "*b"], va
 
     made = jax.eval_shape(work, jax.ShapeDtypeStruct((), jnp.int32))
 
-    # Derive the zeros from the data: under `shard_map` both branches must vary over devices alike.
-    leaves = [leaf for leaf in jax.tree.leaves((here, flat)) if leaf.size]
-    zero = sum((leaf.reshape(-1)[0].astype(jnp.int32) * 0 for leaf in leaves), jnp.int32(0))
+    firsts = [leaf.reshape(-1)[:1].astype(jnp.int32) for leaf in jax.tree.leaves((here, flat)) if leaf.size]
 
     def skip(start):
-        return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype) + zero.astype(value.dtype), made)
+        return zeros_as(made, sum(firsts))
 
     def run(start):
         return lax.cond((start == 0) | (start < starts[1]), work, skip, start)

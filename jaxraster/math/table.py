@@ -23,10 +23,11 @@ def apart(always: Bool[Array, ""], function: Callable, *arguments):
     compiler cannot see through. Not for what is differentiated.
     """
     shapes = jax.eval_shape(function, *arguments)
-    # Derive the zeros from the data: under `shard_map` both branches must vary over devices alike.
-    zero = always.astype(jnp.int32) * 0
+    return lax.cond(always, function, lambda *_: zeros_as(shapes, always), *arguments)
 
-    def never(*_):
-        return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype) + zero.astype(value.dtype), shapes)
 
-    return lax.cond(always, function, never, *arguments)
+def zeros_as(shapes, data):
+    """Zeros of these shapes and dtypes, derived from some array of data: under `shard_map` the other branch of a
+    condition must vary over devices as the one that computes from them."""
+    zero = data.reshape(-1)[0].astype(jnp.int32) * 0
+    return jax.tree.map(lambda value: jnp.zeros(value.shape, value.dtype) + zero.astype(value.dtype), shapes)

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Int
 
+from ..math.pair import pair, unpair
 from ..math.scan import running_sum
 from ..math.table import apart, fetch
-from .tiles import PIXELS, TILE, grid, in_front, pair, span, unpair
+from .tiles import PIXELS, TILE, grid, in_front, span
 from .triangle import Triangle, edges_at, nearness
 
 TILES = 128  # tiles drawn side by side
@@ -97,7 +98,7 @@ def _draw_pair(pixels, ahead, row):
     wins = in_front(near, c[15], here, id)
     if ahead is not None:
         wins = wins & in_front(*unpair(ahead), near, c[15])
-    return jnp.where(wins, pair(near, jnp.broadcast_to(c[15], near.shape)), pixels)
+    return jnp.where(wins, pair(near, c[15]), pixels)
 
 
 def draw_large(pixels, ahead, rows, tiles, *, window: int, height: int, width: int):

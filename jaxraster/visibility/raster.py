@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..buffers import Stats, Visibility
 from ..check import below, fit
+from ..math.pair import pair, unpair
 from ..math.scan import partition
 from ..math.table import fetch
 from .barycentric import LIMIT, barycentric
@@ -26,7 +27,7 @@ from .clip import CORNERS, clip_polygon, plane_distances
 from .fixed_point import GUARD
 from .large import draw_large, pack
 from .small import draw_small
-from .tiles import FARTHEST, NOBODY, PIXELS, grid, pair, picture, span, tiled, unpair
+from .tiles import FARTHEST, NOBODY, PIXELS, grid, picture, span, tiled
 from .triangle import boxes, screen, set_up, winding
 
 SMALL = 6  # pixels: boxes up to this many on a side are cheaper to visit than to sort into tiles

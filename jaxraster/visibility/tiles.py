@@ -6,8 +6,7 @@ The last tile is for what belongs to no pixel; one that reaches beyond the pictu
 import math
 
 import jax.numpy as jnp
-from jax import lax
-from jaxtyping import Array, Bool, Complex, Int
+from jaxtyping import Array, Bool, Int
 
 TILE = 16  # pixels on a side: sorting a (tile, triangle) pair costs about as much as drawing its 256 pixels
 PIXELS = TILE * TILE
@@ -47,14 +46,3 @@ def tiled(picture: Int[Array, "h w"]) -> Int[Array, "t 256"]:
     lines = jnp.pad(picture, ((0, down * TILE - height), (0, across * TILE - width)))
     tiles = lines.reshape(down, TILE, across, TILE).transpose(0, 2, 1, 3).reshape(down * across, PIXELS)
     return jnp.pad(tiles, ((0, 1), (0, 0)))
-
-
-def pair(near: Ints, id: Ints) -> Complex[Array, "*n"]:
-    """Depth bits and face id in one complex number: XLA would evaluate a test again for each array it selects from."""
-    return lax.complex(*(lax.bitcast_convert_type(value, jnp.float32) for value in (near, id)))
-
-
-def unpair(pixels: Complex[Array, "*n"]) -> tuple[Ints, Ints]:
-    """Depth bits and face id."""
-    near, id = (lax.bitcast_convert_type(part(pixels), jnp.int32) for part in (lax.real, lax.imag))
-    return near, id

@@ -20,10 +20,11 @@ from ..check import fit_record
 from ..geometry.bvh import Tree
 from ..geometry.intersect import LIMIT, Rays, check_rays, main_axis
 from ..math import safe
+from ..math.pair import pair, unpair
 from ..math.scan import partition
 from ..math.table import fetch
 from ..record import record
-from .trace_dense import face_of, trace_dense
+from .trace_dense import trace_dense
 from .trace_embree import trace_embree
 from .trace_tree import trace_tree
 
@@ -73,9 +74,9 @@ def _search(rays, tree, any_hit, backend):
     else:
         hits, steps = trace_tree(tree.nodes, tree.leaves, ordered, starts[3], any_hit)
     place = jnp.where(jnp.arange(num, dtype=jnp.int32) < starts[3], order, num)
-    nothing = lax.complex(jnp.full(num, jnp.inf), lax.bitcast_convert_type(order * 0 - 1, jnp.float32))
+    nothing = pair(jnp.full(num, jnp.inf), order * 0 - 1)
     hits = nothing.at[place].set(hits, mode="drop")
-    face = face_of(hits)
+    face = unpair(hits)[1]
     return face, jnp.where(face >= 0, lax.real(hits), jnp.inf), steps
 
 

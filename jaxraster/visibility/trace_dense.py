@@ -6,22 +6,13 @@ order. Gradient: none.
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Complex64, Float32, Int, Int32
+from jaxtyping import Array, Complex64, Float32, Int
 
 from ..geometry.intersect import AXES, strike
+from ..math.pair import pair
 
 CHUNK = 4096  # rays side by side: at 1,024 the loop over triangles costs as much as their tests
 UNROLL = 8  # triangles a step: what was found is read and written once
-
-
-def hit(t: Float32[Array, "*n"], face: Int32[Array, "..."]) -> Complex64[Array, "*n"]:
-    """t and face in one complex number: XLA would evaluate a test again for each array it selects from."""
-    return lax.complex(t, jnp.broadcast_to(lax.bitcast_convert_type(face, jnp.float32), t.shape))
-
-
-def face_of(hits: Complex64[Array, "*n"]) -> Int32[Array, "*n"]:
-    """The face of each hit, -1 for none."""
-    return lax.bitcast_convert_type(lax.imag(hits), jnp.int32)
 
 
 def trace_dense(
@@ -59,18 +50,18 @@ def trace_dense(
             for face in range(UNROLL):
                 face = step * UNROLL + face
                 met, t = strike(table[face], origin, shear, per_z)
-                best = jnp.where(met & (t > block[6]) & (t < lax.real(best)), hit(t, face), best)
+                best = jnp.where(met & (t > block[6]) & (t < lax.real(best)), pair(t, face), best)
             return best
 
-        none = jnp.zeros(chunk, bool) | (axis < 0) if any_hit else hit(block[7], 0 * axis - 1)
+        none = jnp.zeros(chunk, bool) | (axis < 0) if any_hit else pair(block[7], 0 * axis - 1)
         best = lax.fori_loop(0, corners.shape[0] // UNROLL, test_any if any_hit else test, none)
         # What lies beyond this axis' rays is written again, with those of the next.
         hits = lax.dynamic_update_slice_in_dim(hits, best, place, 0)
         return jnp.minimum(place + chunk, starts[axis + 1]), hits, steps + 1
 
     zero = starts[0] * 0
-    none = jnp.zeros(num + chunk, bool) | (zero < 0) if any_hit else hit(columns[7], zero - 1)
+    none = jnp.zeros(num + chunk, bool) | (zero < 0) if any_hit else pair(columns[7], zero - 1)
     _, hits, steps = lax.while_loop(lambda state: state[0] < starts[3], trace_chunk, (zero, none, zero))
     if any_hit:
-        hits = hit(jnp.full(num + chunk, -jnp.inf), hits.astype(jnp.int32) - 1)
+        hits = pair(jnp.full(num + chunk, -jnp.inf), hits.astype(jnp.int32) - 1)
     return hits[:num], steps

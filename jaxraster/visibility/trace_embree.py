@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .trace_dense import hit
+from ..math.pair import pair
 
 KEPT = 4  # geometries whose trees are kept
 SHARE = 2**14  # rays handed over at a time: what comes back then takes no fresh pages
@@ -85,4 +85,4 @@ def trace_embree(corners, rays, count, any_hit: bool):
     reach = jnp.minimum(rays[:, 7] - t_min, FAR)
     inputs = corners, rays[:, :3] + t_min[:, None] * rays[:, 3:6], rays[:, 3:6], reach
     face, t = jax.pure_callback(search, shapes, *inputs, count, vmap_method="sequential")
-    return hit(t + t_min, face), count * 0
+    return pair(t + t_min, face), count * 0

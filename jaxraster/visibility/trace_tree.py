@@ -13,9 +13,9 @@ from jaxtyping import Array, Complex64, Float32, Int, Int32
 
 from ..geometry.bvh import NONE, WIDE
 from ..geometry.intersect import AXES, main_axis, strike
+from ..math.pair import pair, unpair
 from ..math.scan import running_sum
 from ..math.table import apart, fetch
-from .trace_dense import face_of, hit
 
 RAYS = 8192  # traced together: their rows and their stack stay near the processor
 PAIRS = 2048  # taken at a time
@@ -69,19 +69,19 @@ def _nearest_boxes(ray, node, best_t, live):
 def _nearest_triangle(ray, leaf, live):
     """The nearest of its leaf's triangles that each ray meets."""
     axis = lax.bitcast_convert_type(ray[7], jnp.int32)
-    best = hit(jnp.full_like(ray[0], jnp.inf), jnp.int32(MISSED))
+    best = pair(jnp.full_like(ray[0], jnp.inf), jnp.int32(MISSED))
     for slot in range(WIDE):
         points = [[leaf[9 * slot + 3 * k + i] for i in range(3)] for k in range(3)]
         corners = [value for point in points for value in _ordered(point, axis)]
         met, t = strike(corners, ray[:3], ray[3:5], ray[5])
-        found = hit(t, lax.bitcast_convert_type(leaf[9 * WIDE + slot], jnp.int32))
+        found = pair(t, lax.bitcast_convert_type(leaf[9 * WIDE + slot], jnp.int32))
         best = jnp.where(met & live & (t > ray[6]) & _before(found, best), found, best)
     return best
 
 
 def _before(a, b):
     """Whether a hit is nearer than another, or as near and on the lower face."""
-    return (lax.real(a) < lax.real(b)) | ((lax.real(a) == lax.real(b)) & (face_of(a) < face_of(b)))
+    return (lax.real(a) < lax.real(b)) | ((lax.real(a) == lax.real(b)) & (unpair(a)[1] < unpair(b)[1]))
 
 
 def _children(code, refs):
@@ -92,17 +92,6 @@ def _children(code, refs):
         ref = jnp.where(child == 4, refs[0], jnp.where(child == 5, refs[1], jnp.where(child == 6, refs[2], refs[3])))
         ranks.append(jnp.where(child == 0, NONE, ref))
     return jnp.concatenate(ranks)
-
-
-def _pair(ray, ref):
-    """A ray and what it meets in one complex number: one place of the stack."""
-    return lax.complex(*(lax.bitcast_convert_type(value, jnp.float32) for value in (ray, ref)))
-
-
-def _unpair(pairs, live):
-    """Rays and what they meet, 0 where none was put yet."""
-    parts = (lax.bitcast_convert_type(part(pairs), jnp.int32) for part in (lax.real, lax.imag))
-    return tuple(jnp.where(live, part, 0) for part in parts)
 
 
 def _trace(nodes, leaves, rays, count, any_hit):
@@ -116,6 +105,10 @@ def _trace(nodes, leaves, rays, count, any_hit):
     nowhere = end + jnp.arange(WIDE * taken, dtype=jnp.int32)
     box_rows, triangle_rows = apart(always, _rows, rays)
 
+    def live_pairs(stack, start, live):
+        # What was not put yet stands for ray 0 and node 0.
+        return (jnp.where(live, part, 0) for part in unpair(lax.dynamic_slice_in_dim(stack, start, taken)))
+
     def places(child, start, queued):
         kind = jnp.where(child == NONE, 0, jnp.where(child >= 0, 1, 1 << 16))
         total = running_sum(kind)
@@ -127,7 +120,7 @@ def _trace(nodes, leaves, rays, count, any_hit):
         stack, top, queued, best, steps = state
         start = jnp.maximum(top - jnp.clip((highest - top) // (WIDE - 1), 1, taken), 0)
         live = start + lane < top
-        ray, node = _unpair(lax.dynamic_slice_in_dim(stack, start, taken), live)
+        ray, node = live_pairs(stack, start, live)
         # Fetch, test, order and put apart from each other: fused, each would be done for every reader.
         rows = apart(
             always, lambda r, n: (fetch(box_rows, r).T, fetch(nodes, n).T, lax.real(fetch(best, r))), ray, node
@@ -136,19 +129,19 @@ def _trace(nodes, leaves, rays, count, any_hit):
         refs = lax.bitcast_convert_type(rows[1][6 * WIDE : 7 * WIDE], jnp.int32)
         child = apart(always, _children, code, refs)
         place, top, queued = apart(always, places, child, start, queued)
-        pairs = _pair(jnp.tile(ray, WIDE), jnp.where(child < 0, -1 - child, child))
+        pairs = pair(jnp.tile(ray, WIDE), jnp.where(child < 0, -1 - child, child))
         stack = stack.at[place].set(pairs, mode="promise_in_bounds", unique_indices=True)
         return stack, top, queued, best, steps + 1
 
     def strike_leaves(state):
         stack, top, queued, best, steps = state
         live = lane < queued
-        ray, leaf = _unpair(lax.dynamic_slice_in_dim(stack, end - queued, taken), live)
+        ray, leaf = live_pairs(stack, end - queued, live)
         rows = apart(always, lambda ray, leaf: (fetch(triangle_rows, ray).T, fetch(leaves, leaf).T), ray, leaf)
         found = apart(always, _nearest_triangle, *rows, live)
         if any_hit:
             # Nothing is nearer: all else that the ray has on the stack will be dropped.
-            nearest = hit(jnp.full_like(lax.real(found), -jnp.inf), face_of(found))
+            nearest = pair(jnp.full_like(lax.real(found), -jnp.inf), unpair(found)[1])
             found = jnp.where(lax.real(found) < lax.real(fetch(best, ray)), nearest, found)
 
         # A ray may be here several times, of which one is written: until none is left that is nearer.
@@ -166,7 +159,7 @@ def _trace(nodes, leaves, rays, count, any_hit):
 
     zero = count * 0
     ray = jnp.pad(jnp.arange(num, dtype=jnp.int32), (0, end + WIDE * taken - num)) + zero
-    state = _pair(ray, ray * 0), jnp.minimum(count, num), zero, hit(rays[:, 7], zero - 1), zero
+    state = pair(ray, ray * 0), jnp.minimum(count, num), zero, pair(rays[:, 7], zero - 1), zero
     *_, best, steps = lax.while_loop(lambda s: (s[1] > 0) | (s[2] > 0), turn, state)
     return best, steps
 
@@ -195,6 +188,6 @@ def trace_tree(
         return place + chunk, lax.dynamic_update_slice_in_dim(hits, best, place, 0), steps + more
 
     zero = count * 0
-    state = zero, hit(rays[:, 7], zero - 1), zero
+    state = zero, pair(rays[:, 7], zero - 1), zero
     _, hits, steps = lax.while_loop(lambda state: state[0] < count, trace_chunk, state)
     return hits[:num], steps

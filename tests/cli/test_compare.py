@@ -5,6 +5,7 @@ import pathlib
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from refused import check_refused
 
 from jaxraster import metrics
 from jaxraster.cli import main
@@ -132,13 +133,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("words", "code", "says"), REFUSED, ids=[words or "nothing" for words, *_ in REFUSED])
 def test_refusals(words, code, says, capsys, folder):
-    """One line names the culprit; nothing is printed on stdout, nothing is written."""
-    before = sorted(folder.rglob("*"))
-    assert run(words) == code
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("jaxraster: error: ") and err.count("\n") == 1 and says in err
-    assert sorted(folder.rglob("*")) == before
+    check_refused(run, words, code, says, capsys, folder)
 
 
 def test_help_names_the_metrics(capsys):

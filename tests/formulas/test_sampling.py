@@ -1,15 +1,10 @@
 """Keyed numbers, scrambled Sobol' points and the maps of the square: their laws, exactly where they are exact."""
 
-import os
-import pathlib
-import subprocess
-import sys
-import textwrap
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from devices import run_on_devices
 
 from jaxraster.math import sampling, sobol
 from jaxraster.math.hash import keyed, pcg, uniform, unit
@@ -179,28 +174,16 @@ def test_the_same_numbers_for_any_tiling():
 
 
 SHARDED = """
-    import sys
-    import jax, jax.numpy as jnp, numpy as np
-    jax.config.update("jax_num_cpu_devices", 2)
-    sys.path.insert(0, "tests/formulas")
-    from jax.sharding import Mesh, PartitionSpec as P
     from test_sampling import HEIGHT, WIDTH, numbers
     rows, columns = (jnp.arange(n, dtype=jnp.uint32) for n in (HEIGHT, WIDTH))
     mesh = Mesh(np.array(jax.devices()), ("b",))
     sharded = jax.jit(jax.shard_map(lambda r: numbers(r, columns), mesh=mesh, in_specs=P("b"), out_specs=P("b")))
     np.testing.assert_array_equal(sharded(rows), jax.jit(numbers)(rows, columns))
-    print("same bits on", len(jax.devices()), "devices")
 """
 
 
 def test_the_same_numbers_for_any_number_of_devices():
-    """Devices have to be asked for before JAX starts: in a process of its own."""
-    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    command = [sys.executable, "-c", textwrap.dedent(SHARDED)]
-    root = pathlib.Path(__file__).parents[2]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=600, env=environment, cwd=root)
-    assert run.returncode == 0, run.stderr[-2000:]
-    assert run.stdout.strip() == "same bits on 2 devices"
+    run_on_devices(2, SHARDED)
 
 
 @ALL

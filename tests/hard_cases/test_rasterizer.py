@@ -11,13 +11,14 @@ from hard_case import case
 from on_screen import NUM_FACES, clip_of, draw, graded, on_grid, ruled, same
 from reference import raster as twin
 
+from jaxraster.math.pair import pair, unpair
 from jaxraster.visibility import raster
 from jaxraster.visibility.barycentric import LIMIT
 from jaxraster.visibility.fixed_point import GUARD, SUBPIXELS
 from jaxraster.visibility.large import draw_large, pack
 from jaxraster.visibility.raster import rasterize, rasterize_depth
 from jaxraster.visibility.small import draw_small
-from jaxraster.visibility.tiles import FARTHEST, NOBODY, PIXELS, grid, pair, picture, span, unpair
+from jaxraster.visibility.tiles import FARTHEST, NOBODY, PIXELS, grid, picture, span
 from jaxraster.visibility.triangle import set_up
 
 HEIGHT, WIDTH = 32, 64

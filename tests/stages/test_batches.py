@@ -1,15 +1,10 @@
 """Batches: mapped over cameras, vertices or both, inside `jit`, `grad` and `shard_map`, the bits of one by one."""
 
-import os
-import pathlib
-import subprocess
-import sys
-import textwrap
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from devices import run_on_devices
 from small import camera
 
 import jaxraster as jr
@@ -69,10 +64,7 @@ def test_gradients_of_a_batch_are_those_of_its_members():
 
 
 SHARDED = """
-    import jax, jax.numpy as jnp, numpy as np
-    jax.config.update("jax_num_cpu_devices", 4)
     import jaxraster as jr
-    from jax.sharding import Mesh, PartitionSpec as P
     from jaxraster.geometry import shapes
     ball = shapes.icosphere(1.0, 1)
     camera = jr.Camera(world_from_view=jr.look_at((0, 0.3, 2.5), (0, 0, 0)), clip_from_view=jr.perspective(1.0, 0.1))
@@ -91,15 +83,9 @@ SHARDED = """
             assert program.as_text().count("all-gather") == 0, count
             for ours, theirs in zip(jax.tree.leaves(sharded(turned)), jax.tree.leaves(expected)):
                 np.testing.assert_allclose(ours, theirs, rtol=0, atol=slack)
-    print("same bits on", len(jax.devices()), "devices")
 """
 
 
 def test_shards_share_nothing_and_change_no_bit():
-    """Over 2 and 4 devices, which have to be asked for before JAX starts: in a process of its own."""
-    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    command = [sys.executable, "-c", textwrap.dedent(SHARDED)]
-    root = pathlib.Path(__file__).parents[2]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=600, env=environment, cwd=root)
-    assert run.returncode == 0, run.stderr[-2000:]
-    assert run.stdout.strip() == "same bits on 4 devices"
+    """Over 2 and over 4 devices."""
+    run_on_devices(4, SHARDED)
