@@ -14,6 +14,7 @@ from .calibration import INPUTS, calibration
 from .peers import reason
 from .workloads import Workload
 
+REST = 0.05  # seconds between programs: the workers of some keep a core busy for a while after they have returned
 PATIENCE_MS = 10_000.0  # no more runs of what has had this long: of runs so long, two or three differ little
 
 
@@ -40,6 +41,7 @@ def turns(functions: dict[str, Callable], runs: int) -> dict[str, float]:
         for name, function in functions.items():
             if spent[name] > PATIENCE_MS:
                 continue
+            time.sleep(REST)
             began = time.perf_counter()
             function()
             taken = 1e3 * (time.perf_counter() - began)

@@ -19,6 +19,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 import jaxraster as jr
 from jaxraster.geometry import shapes
 
+from . import memory
 from .measure import turns
 from .peers import reason
 
@@ -79,10 +80,10 @@ def embree(rays, tree, vertices, faces, any_hit: bool):
     """The backend "embree", whatever the number of triangles: its call back into Python included."""
     from jaxraster.visibility.trace_embree import trace_embree
 
-    rows = [rays.origin, rays.direction, jnp.zeros((len(rays.origin), 1)), jnp.full((len(rays.origin), 1), jnp.inf)]
-    rows = jnp.concatenate(rows, axis=1)
-    call = jax.jit(lambda rows, corners: trace_embree(corners, rows, jnp.int32(len(rows)), any_hit)[0])
-    return lambda: jax.block_until_ready(call(rows, tree.corners)), lambda hits: np.asarray(hits.imag).view(np.int32)
+    limits = jnp.zeros(len(rays.origin)), jnp.full(len(rays.origin), jnp.inf)
+    call = jax.jit(lambda *inputs: trace_embree(*inputs, any_hit))
+    inputs = tree.corners, rays.origin, rays.direction, *limits
+    return lambda: jax.block_until_ready(call(*inputs)), lambda hits: np.asarray(hits[0])
 
 
 def mitsuba(rays, tree, vertices, faces, any_hit: bool):
@@ -136,6 +137,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--rays", type=int, default=2**18, metavar="N", help="a square of an even number")
     parser.add_argument("--runs", type=int, default=5, metavar="N", help="the fastest of so many is quoted")
     options = parser.parse_args(arguments)
+    memory.keep()
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_num_cpu_devices", DEVICES)
     names = list(programs())

@@ -1,7 +1,8 @@
 """The hard cases: what provokes each, what is promised, and the test that holds it.
 
 Tests written for a case carry `@case`; others held theirs already and are listed in `ELSEWHERE`. Cases R are the
-rasterizer's; cases I are invariances, of it or of the whole picture. `python -m tests.hard_case` writes their page.
+rasterizer's, cases V the rays', cases I invariances, of the rasterizer or of the whole picture.
+`python -m tests.hard_case` writes their page.
 """
 
 import ast
@@ -13,8 +14,8 @@ ROOT = pathlib.Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "hard-cases.md"
 HEAD = """# Hard cases
 
-Inputs that break renderers, what is promised for each, and the test that holds it. R are the rasterizer's, I are
-invariances. Written by `python -m tests.hard_case` from the tests themselves.
+Inputs that break renderers, what is promised for each, and the test that holds it. R are the rasterizer's, V the
+rays', I invariances. Written by `python -m tests.hard_case` from the tests themselves.
 
 | id | input that provokes it | what is promised | test |
 |---|---|---|---|
@@ -25,6 +26,7 @@ RASTER, EXACT, CLIPPING, LIMITS = (
     for name in ("test_raster", "test_raster_exact", "test_raster_clipping", "test_raster_limits")
 )
 HARD, LIGHT, PLAN = "tests/gradients/test_hard_visibility.py", "tests/stages/test_light.py", "tests/laws/test_plan.py"
+TRACE, INTERSECT, BVH = "tests/stages/test_trace.py", "tests/formulas/test_intersect.py", "tests/formulas/test_bvh.py"
 ONE_OWNER = "every sample has exactly one owner"
 ELSEWHERE = [  # id, input, promise, test
     ("R1", "a quad whose diagonal passes through samples", ONE_OWNER, f"{RASTER}::test_drtk_quad_has_no_hole"),
@@ -111,6 +113,90 @@ ELSEWHERE = [  # id, input, promise, test
     ),
     ("R21", "a triangle seen edge-on, where silhouettes are smoothed", "gradients are finite and bounded", NOT_BUILT),
     (
+        "V1",
+        "rays along the axes through every face, edge and corner of a grid, components 0 and -0",
+        "each hits, at the exact distance",
+        f"{TRACE}::test_axis_aligned_rays_hit_every_face_edge_and_corner_of_a_cube_grid",
+    ),
+    (
+        "V2",
+        "closed fans of 4 to 1024 triangles, at the origin and 1e4 away from it",
+        "no ray slips through",
+        f"{TRACE}::test_no_ray_slips_through_the_spokes_or_the_hub_of_a_closed_fan",
+    ),
+    (
+        "V2",
+        "a sphere about (148376, 1234, -223423), seen from inside",
+        "no ray leaves",
+        f"{TRACE}::test_no_ray_leaves_a_sphere_far_from_the_origin",
+    ),
+    (
+        "V3",
+        "rays at the corners of triangles of a bundle",
+        "none is left out that a ray meets",
+        f"{TRACE}::test_triangles_are_left_out_only_where_no_ray_meets_them",
+    ),
+    (
+        "V4",
+        "rays that leave a triangle, at scales from 1e-8 to 1e8",
+        "none meets it again",
+        f"{INTERSECT}::test_no_spawned_ray_meets_its_own_triangle",
+    ),
+    (
+        "V5",
+        "NaN, infinite and zero origins, directions and limits",
+        "nothing hit, no step more, no other ray changed",
+        f"{TRACE}::test_invalid_rays_hit_nothing_cost_nothing_and_change_nothing",
+    ),
+    (
+        "V6",
+        "trees of 1, 2 and 100,000 triangles in one place",
+        "the lowest face, and an end",
+        f"{TRACE}::test_trees_of_coincident_triangles_give_the_lowest_and_end",
+    ),
+    (
+        "V6",
+        "a chain of ever larger triangles",
+        "a tree no deeper than the bound",
+        f"{BVH}::test_a_chain_of_ever_larger_triangles_is_no_deeper_than_the_bound",
+    ),
+    (
+        "V7",
+        "triangles that are degenerate, not finite or of no vertex",
+        "never hit, and counted",
+        f"{INTERSECT}::test_what_can_never_be_hit_is_counted_and_zero",
+    ),
+    (
+        "V8",
+        "triangles of 1e6 and of 1e-3 in one scene",
+        "the hits of double precision",
+        f"{TRACE}::test_soups_of_very_large_and_very_small_triangles_are_hit_as_in_double_precision",
+    ),
+    (
+        "V9",
+        "triangles on a line, and seen edge-on",
+        "no hit, finite gradients",
+        f"{TRACE}::test_trees_of_collinear_triangles_hit_nothing",
+    ),
+    (
+        "V10",
+        "parts of a file that are mirrored, or flattened by a scale of 0",
+        "normals, tangents and winding agree; flat ones keep unit normals",
+        "tests/io/test_gltf.py::test_normals_tangents_and_winding_agree_under_any_transform",
+    ),
+    (
+        "V11",
+        "t_max and t_min at the hit itself, and a rounding beside it",
+        "occluded where there is a closest hit",
+        f"{TRACE}::test_any_hit_is_closest_hit_within_the_same_limits",
+    ),
+    (
+        "V12",
+        "a stack without room, and rays that meet every box",
+        "nothing is lost",
+        f"{TRACE}::test_a_stack_without_room_loses_nothing",
+    ),
+    (
         "I1",
         "a picture drawn inside and outside of `jit`",
         "the same faces, floats to rounding",
@@ -180,7 +266,7 @@ def missing(tests: list[str]) -> list[str]:
 
 def rows() -> list[tuple[str, str, str, str]]:
     """All cases, by id."""
-    return sorted(ELSEWHERE + decorated(), key=lambda row: (row[0][0] == "I", int(row[0][1:])))
+    return sorted(ELSEWHERE + decorated(), key=lambda row: ("RVI".index(row[0][0]), int(row[0][1:])))
 
 
 def page() -> str:

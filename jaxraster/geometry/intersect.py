@@ -11,6 +11,7 @@ Source: Woop, Benthin & Wald 2013, "Watertight Ray/Triangle Intersection" (shear
 back to double precision). Möller & Trumbore 1997 for `intersection`.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -97,10 +98,16 @@ def canonical(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> tuple[
     )
 
 
-def main_axis(direction: list[Float32[Array, "*b"]]) -> Int[Array, "*b"]:
+def main_axis(direction: Sequence[Float32[Array, "*b"]]) -> Int[Array, "*b"]:
     """The axis along which a direction is longest, the last one of equals."""
     x, y, z = (jnp.abs(component) for component in direction)
     return jnp.where((z >= x) & (z >= y), 2, jnp.where(y >= x, 1, 0)).astype(jnp.int32)
+
+
+def turned(point, axis):
+    """Three coordinates in the order of `AXES`, the main axis' last."""
+    orders = [[point[k] for k in axes] for axes in AXES]
+    return [jnp.where(axis == 2, z, jnp.where(axis == 1, y, x)) for x, y, z in zip(*orders)]
 
 
 def strike(corners, origin, shear, per_z) -> tuple[Bool[Array, "*b"], Float32[Array, "*b"]]:

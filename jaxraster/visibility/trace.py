@@ -42,40 +42,47 @@ class Hits:
     t: Float[Array, "*b"]
 
 
-def _by_axis(axis):
-    """Rays ordered by axis, those of none left out, and where each axis' start; the last number is their count."""
+def _by_axis(axis, *rays):
+    """Rays' numbers, ordered by axis, those of none last, where each axis' rays start, and which ray is where."""
     order, starts = partition(axis)
-    return order, starts[:4]
+    rows = fetch(jnp.concatenate([part.reshape(len(axis), -1) for part in rays], axis=1), order)
+    return tuple(rows[:, k] for k in range(rows.shape[1])), starts[:4], order
 
 
-def _as_they_are(axis):
+def _as_they_are(axis, *rays):
     """The same for rays of one axis, as most pictures' are: nothing to sort and to count."""
     starts = jnp.where(jnp.arange(4, dtype=jnp.int32) <= axis[0], 0, axis.shape[0])
-    return jnp.arange(axis.shape[0], dtype=jnp.int32) + axis * 0, starts
+    columns = (part.reshape(len(axis), -1) for part in rays)
+    order = jnp.arange(axis.shape[0], dtype=jnp.int32) + axis * 0
+    return tuple(part[:, k] for part in columns for k in range(part.shape[1])), starts, order
 
 
-def _search(rays, tree, any_hit, backend):
-    """Faces and t of rays `[n, 8]` (origin, direction, t_min, t_max), and how many steps it took."""
-    num = rays.shape[0]
-    direction = [rays[:, k] for k in range(3, 6)]
-    longest = jnp.max(jnp.abs(rays[:, 3:6]), axis=1)
-    usable = jnp.all(jnp.abs(rays[:, :3]) < LIMIT, axis=1) & (longest > safe.TINY) & (longest < 1.0 / safe.TINY)
+def _search(origin, direction, t_min, t_max, tree, any_hit, backend):
+    """Faces and t of rays `[n]`, and how many steps it took."""
+    num, longest = len(t_min), jnp.max(jnp.abs(direction), axis=1)
+    usable = jnp.all(jnp.abs(origin) < LIMIT, axis=1) & (longest > safe.TINY) & (longest < 1.0 / safe.TINY)
     # Not so for NaN.
-    usable = usable & (rays[:, 6] < rays[:, 7])
+    usable = usable & (t_min < t_max)
+    if backend == "embree" and tree.nodes is not None:
+        # Of a ray that cannot hit, leave no number that is none.
+        origin, direction = (jnp.where(usable[:, None], v, 1.0) for v in (origin, direction))
+        t_min, t_max = jnp.where(usable, t_min, 0.0), jnp.where(usable, t_max, -1.0)
+        return *trace_embree(tree.corners, origin, direction, t_min, t_max, any_hit), jnp.int32(0)
 
     # Order rays by the axis that they mostly follow, and leave out those that can hit nothing.
-    axis = jnp.where(usable, main_axis(direction), -1)
-    order, starts = lax.cond(jnp.all(axis == axis[0]) & usable[0], _as_they_are, _by_axis, axis)
-    ordered = fetch(rays, order)
+    axis = jnp.where(usable, main_axis([direction[:, k] for k in range(3)]), -1)
+    one = jnp.all(axis == axis[0]) & usable[0]
+    rays, starts, order = lax.cond(one, _as_they_are, _by_axis, axis, origin, direction, t_min, t_max)
     if tree.nodes is None:
-        hits, steps = trace_dense(tree.corners, ordered, starts, any_hit)
-    elif backend == "embree":
-        hits, steps = trace_embree(tree.corners, ordered, starts[3], any_hit)
+        hits, steps = trace_dense(tree.corners, rays, starts, any_hit)
     else:
-        hits, steps = trace_tree(tree.nodes, tree.leaves, ordered, starts[3], any_hit)
-    place = jnp.where(jnp.arange(num, dtype=jnp.int32) < starts[3], order, num)
-    nothing = pair(jnp.full(num, jnp.inf), order * 0 - 1)
-    hits = nothing.at[place].set(hits, mode="drop")
+        hits, steps = trace_tree(tree.nodes, tree.leaves, rays, starts[3], any_hit)
+
+    def back(hits):
+        place = jnp.where(jnp.arange(num, dtype=jnp.int32) < starts[3], order, num)
+        return pair(jnp.full(num, jnp.inf), order * 0 - 1).at[place].set(hits, mode="drop")
+
+    hits = lax.cond(one, lambda hits: hits, back, hits)
     face = unpair(hits)[1]
     return face, jnp.where(face >= 0, lax.real(hits), jnp.inf), steps
 
@@ -94,12 +101,11 @@ def _hits(where, rays, tree, any_hit, backend):
     fit_record(f"{where}: tree", tree, Tree)
     if backend not in BACKENDS:
         raise ValueError(f"{where}: backend must be one of {BACKENDS}, got {backend!r}")
-    parts = origin, direction, jnp.maximum(t_min, 0.0)[..., None], t_max[..., None]
-    rows = jnp.concatenate([part.astype(jnp.float32) for part in parts], axis=-1).reshape(-1, 8)
-    if rows.shape[0] == 0 or tree.corners.shape[0] == 0:
+    parts = origin.reshape(-1, 3), direction.reshape(-1, 3), jnp.maximum(t_min, 0.0).reshape(-1), t_max.reshape(-1)
+    if parts[2].shape[0] == 0 or tree.corners.shape[0] == 0:
         return jnp.full(shape, -1, jnp.int32), jnp.full(shape, jnp.inf, jnp.float32), jnp.int32(0)
-    rows, tree = lax.stop_gradient((rows, tree))
-    face, t, steps = _core(any_hit, backend)(rows, tree)
+    parts, tree = lax.stop_gradient(([part.astype(jnp.float32) for part in parts], tree))
+    face, t, steps = _core(any_hit, backend)(*parts, tree)
     return face.reshape(shape), t.reshape(shape), steps
 
 
@@ -108,8 +114,8 @@ def trace(rays: Rays, tree: Tree, *, backend: str = "jax") -> Hits:
 
     Args:
         tree: of `build` or `build_morton`.
-        backend: "jax", or "embree" for Embree on the host, where the package embreex is installed: several times as
-            fast with a tree, without promises about edges, ties and small t_min; a hit at t_max itself counts there.
+        backend: "jax", or "embree" for Embree, with arrays of the CPU and the package embreex installed: several times
+            as fast with a tree, without promises about edges, ties and small t_min; a hit at t_max itself counts there.
             Few triangles are always tested here.
 
     Closed surfaces have no gaps: a ray through an edge or corner hits one of the faces there. Embree's rounding is

@@ -1,88 +1,94 @@
 """Rays against triangles by Embree, on the host and on all of its cores: what `trace(..., backend="embree")` calls.
 
-Needs the package embreex. Embree's own tree is kept for the last few geometries, found again by what they hold; a
-geometry that changes with each call is built with each call. Rays start at t_min: embreex knows no other way to say it,
-so that origins move by a rounding where it is not 0. Gradient: none.
+Needs the package embreex, and arrays in the processor's memory. Embree's own tree is kept for the last few geometries,
+found again by comparing them bit for bit; a geometry that changes with each call is built with each call. Rays start at
+t_min: embreex knows no other way to say it, so that origins move by a rounding where it is not 0. Gradient: none.
 """
 
 import concurrent.futures
 import functools
-import hashlib
 import importlib
 import os
+import threading
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-
-from ..math.pair import pair
+from jax.experimental.buffer_callback import buffer_callback
 
 KEPT = 4  # geometries whose trees are kept
 SHARE = 2**14  # rays handed over at a time: what comes back then takes no fresh pages
 FAR = 1e37  # Embree's own distance of nothing
 
 
-class _Corners:
-    """Triangles that are equal where their bytes are."""
+class _Scene(NamedTuple):
+    """Embree's scene of some triangles, and the faces of those that have an area."""
 
-    def __init__(self, corners: np.ndarray):
-        self.corners, self.digest = corners, hashlib.sha1(np.ascontiguousarray(corners).data).digest()
-
-    def __hash__(self):
-        return hash(self.digest)
-
-    def __eq__(self, other):
-        return self.digest == other.digest
+    corners: np.ndarray
+    embree: Any
+    face: np.ndarray
 
 
-@functools.lru_cache(KEPT)
-def _scene(key: _Corners):
-    """Embree's scene, and the faces of its triangles: those that have an area."""
-    face = np.flatnonzero(np.any(key.corners != key.corners[:, :1], axis=(1, 2)))
-    scene = importlib.import_module("embreex.rtcore_scene").EmbreeScene()
-    key.corners = np.ascontiguousarray(key.corners[face])
+_scenes: list[_Scene] = []  # the latest first
+_lock = threading.Lock()  # several devices may ask at once
+
+
+def _scene(corners: np.ndarray) -> _Scene:
+    """The scene of equal triangles, bit for bit, or a new one."""
+    with _lock:
+        equal = (s for s in _scenes if np.array_equal(s.corners.view(np.int32), corners.view(np.int32)))
+        scene = next(equal, None) or _build(corners)
+        _scenes[:] = [scene, *(other for other in _scenes if other is not scene)][:KEPT]
+        return scene
+
+
+def _build(corners: np.ndarray) -> _Scene:
+    face = np.flatnonzero(np.any(corners != corners[:, :1], axis=(1, 2)))
+    embree = importlib.import_module("embreex.rtcore_scene").EmbreeScene()
     if len(face):
-        importlib.import_module("embreex.mesh_construction").TriangleMesh(scene, key.corners)
-    return scene, face.astype(np.int32)
+        importlib.import_module("embreex.mesh_construction").TriangleMesh(embree, np.ascontiguousarray(corners[face]))
+    return _Scene(corners.copy(), embree, face.astype(np.int32))
 
 
-def _search(corners, origin, direction, reach, count, *, any_hit):
-    """Faces, -1 for none, and lengths from the origin, of the first `count` rays."""
-    scene, names = _scene(_Corners(np.asarray(corners)))
-    origin, direction, reach = (np.asarray(v) for v in (origin, direction, reach))
-    num = min(len(reach), int(count))
-    face, t = np.full(len(reach), -1, np.int32), np.full(len(reach), np.inf, np.float32)
-    if num == 0 or len(names) == 0:
-        return face, t
+def _search(any_hit, _, out, *inputs):
+    """Write lengths from t_min on, and faces, -1 for none, straight into the arrays that XLA gives out."""
+    length, face = map(np.asarray, out)
+    corners, *rays = map(np.asarray, inputs)
+    scene = _scene(corners)
+    if len(scene.face) == 0:
+        face[:] = -1
+        return
 
     def run(part):
-        # Copy: it takes no arrays that may not be written.
-        rays = tuple(np.array(values[part], np.float32) for values in (origin, direction, reach))
+        origin, direction, t_min, t_max = (values[part] for values in rays)
+        if t_min.any():
+            origin = origin + t_min[:, None] * direction
+        reach = np.minimum(t_max - t_min, FAR)
         if any_hit:
-            face[part] = scene.run(*rays, query="OCCLUDED")
+            face[part] = scene.embree.run(origin, direction, reach, query="OCCLUDED")
             return
-        found = scene.run(*rays, output=True)
-        hits = found["primID"]
-        face[part] = hits if len(names) == len(corners) else np.where(hits >= 0, names[hits], -1)
-        t[part] = found["tfar"]
+        hits = scene.embree.run(origin, direction, reach, output=True)
+        length[part], ids = hits["tfar"], hits["primID"]
+        face[part] = ids if len(scene.face) == len(corners) else np.where(ids >= 0, scene.face[ids], -1)
 
     # embreex lets go of the interpreter while it traces.
-    parts = (slice(start, min(start + SHARE, num)) for start in range(0, num, SHARE))
+    parts = (slice(start, start + SHARE) for start in range(0, len(face), SHARE))
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(run, parts))
-    return face, t
 
 
-def trace_embree(corners, rays, count, any_hit: bool):
-    """As `trace_tree`, of corners `[f, 3, 3]`, without steps to count; raises `ImportError` in one line."""
+def trace_embree(corners, origin, direction, t_min, t_max, any_hit: bool):
+    """Faces, -1 for none, and t of rays `[n]` against triangles of corners `[f, 3, 3]`; all numbers finite but t_max.
+
+    A ray whose t_max is not above its t_min hits nothing. Raises `ImportError` in one line where embreex is missing.
+    """
     try:
         importlib.import_module("embreex")
     except ImportError:
         raise ImportError("backend 'embree' needs the package embreex: pip install 'jaxraster[rays]'") from None
-    num, t_min = rays.shape[0], rays[:, 6]
-    shapes = jax.ShapeDtypeStruct((num,), jnp.int32), jax.ShapeDtypeStruct((num,), jnp.float32)
-    search = functools.partial(_search, any_hit=any_hit)
-    reach = jnp.minimum(rays[:, 7] - t_min, FAR)
-    inputs = corners, rays[:, :3] + t_min[:, None] * rays[:, 3:6], rays[:, 3:6], reach
-    face, t = jax.pure_callback(search, shapes, *inputs, count, vmap_method="sequential")
-    return pair(t + t_min, face), count * 0
+    # Not pure_callback, which copies all inputs and results: an eighth of the time.
+    shapes = tuple(jax.ShapeDtypeStruct(t_min.shape, dtype) for dtype in (jnp.float32, jnp.int32))
+    search = buffer_callback(functools.partial(_search, any_hit), shapes, vmap_method="sequential")
+    length, face = search(corners, origin, direction, t_min, t_max)
+    return face, jnp.where(face >= 0, length + t_min, jnp.inf)

@@ -7,15 +7,18 @@ Gradient: none.
 Source: the conservative box test is Ize 2013, "Robust BVH Ray Traversal".
 """
 
+import functools
+
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Complex64, Float32, Int, Int32
+from jaxtyping import Array, Complex64, Int, Int32
 
 from ..geometry.bvh import NONE, WIDE
-from ..geometry.intersect import AXES, main_axis, strike
+from ..geometry.intersect import main_axis, strike, turned
 from ..math.pair import pair, unpair
 from ..math.scan import running_sum
 from ..math.table import apart, fetch
+from .trace_dense import Columns
 
 RAYS = 8192  # traced together: their rows and their stack stay near the processor
 PAIRS = 2048  # taken at a time
@@ -28,23 +31,17 @@ LEAST = 2.0**-100  # a direction's component in units of its largest; none is 0,
 
 
 def _rows(rays):
-    """What rays are tested with, against boxes and triangles, from their rows (origin, direction, t_min, t_max)."""
-    origin, direction, t_min = [rays[:, k] for k in range(3)], [rays[:, k] for k in range(3, 6)], rays[:, 6]
-    axis, length = main_axis(direction), jnp.max(jnp.abs(rays[:, 3:6]), axis=1)
+    """Rows of what rays (origin, direction, t_min, t_max) are tested with, against boxes and triangles."""
+    origin, direction, t_min = rays[:3], rays[3:6], rays[6]
+    axis, length = main_axis(direction), functools.reduce(jnp.maximum, map(jnp.abs, direction))
     # Divide by the length before comparing: LEAST of a short direction would be 0.
     units = [v / length for v in direction]
     inverse = [1.0 / jnp.where(jnp.abs(v) < LEAST, jnp.copysign(LEAST, v), v) for v in units]
-    x, y, z = _ordered(direction, axis)
+    x, y, z = turned(direction, axis)
     bits = lax.bitcast_convert_type(axis, jnp.float32)
     boxes = [*origin, *inverse, length, t_min * length / SLACK]
-    triangles = [*_ordered(origin, axis), x / z, y / z, 1.0 / z, t_min, bits]
+    triangles = [*turned(origin, axis), x / z, y / z, 1.0 / z, t_min, bits]
     return jnp.stack(boxes, axis=-1), jnp.stack(triangles, axis=-1)
-
-
-def _ordered(point, axis):
-    """Three coordinates with the main axis' last."""
-    orders = [[point[k] for k in axes] for axes in AXES]
-    return [jnp.where(axis == 2, z, jnp.where(axis == 1, y, x)) for x, y, z in zip(*orders)]
 
 
 def _nearest_boxes(ray, node, best_t, live):
@@ -72,7 +69,7 @@ def _nearest_triangle(ray, leaf, live):
     best = pair(jnp.full_like(ray[0], jnp.inf), jnp.int32(MISSED))
     for slot in range(WIDE):
         points = [[leaf[9 * slot + 3 * k + i] for i in range(3)] for k in range(3)]
-        corners = [value for point in points for value in _ordered(point, axis)]
+        corners = [value for point in points for value in turned(point, axis)]
         met, t = strike(corners, ray[:3], ray[3:5], ray[5])
         found = pair(t, lax.bitcast_convert_type(leaf[9 * WIDE + slot], jnp.int32))
         best = jnp.where(met & live & (t > ray[6]) & _before(found, best), found, best)
@@ -95,8 +92,8 @@ def _children(code, refs):
 
 
 def _trace(nodes, leaves, rays, count, any_hit):
-    """Hits of the first `count` of `rays` `[n, 8]`, and the number of steps."""
-    num, always = rays.shape[0], count >= 0
+    """Hits of the first `count` rays, and the number of steps."""
+    num, always = len(rays[0]), count >= 0
     taken = min(PAIRS, FEW * num)
     reserve = (WIDE - 1) * DEEPEST  # what a single pair and all that comes of it can add
     highest = num + SPARE * taken  # from here on pairs are taken one by one, so that no tree overflows the stack
@@ -159,7 +156,7 @@ def _trace(nodes, leaves, rays, count, any_hit):
 
     zero = count * 0
     ray = jnp.pad(jnp.arange(num, dtype=jnp.int32), (0, end + WIDE * taken - num)) + zero
-    state = pair(ray, ray * 0), jnp.minimum(count, num), zero, pair(rays[:, 7], zero - 1), zero
+    state = pair(ray, ray * 0), jnp.minimum(count, num), zero, pair(rays[7], zero - 1), zero
     *_, best, steps = lax.while_loop(lambda s: (s[1] > 0) | (s[2] > 0), turn, state)
     return best, steps
 
@@ -167,7 +164,7 @@ def _trace(nodes, leaves, rays, count, any_hit):
 def trace_tree(
     nodes: Int32[Array, "m 32"],
     leaves: Int32[Array, "l 40"],
-    rays: Float32[Array, "n 8"],
+    rays: Columns,
     count: Int[Array, ""],
     any_hit: bool,
 ) -> tuple[Complex64[Array, " n"], Int[Array, ""]]:
@@ -175,19 +172,20 @@ def trace_tree(
 
     Of hits of equal t, the one on the lowest face. With `any_hit`, t is -inf where there is one.
     """
-    num = rays.shape[0]
+    num = len(rays[0])
     chunk = min(RAYS, num)
     # Most of a row are coordinates: as bits they would be converted at each reader.
     nodes, leaves = (lax.bitcast_convert_type(rows, jnp.float32) for rows in (nodes, leaves))
-    rays = jnp.pad(rays, ((0, -num % chunk), (0, 0)))
 
     def trace_chunk(state):
-        place, hits, steps = state
-        block = lax.dynamic_slice_in_dim(rays, place, chunk)
+        start, hits, steps = state
+        # The last chunk begins earlier, so that it ends with the rays.
+        place = jnp.minimum(start, num - chunk)
+        block = tuple(lax.dynamic_slice_in_dim(column, place, chunk) for column in rays)
         best, more = _trace(nodes, leaves, block, count - place, any_hit)
-        return place + chunk, lax.dynamic_update_slice_in_dim(hits, best, place, 0), steps + more
+        return start + chunk, lax.dynamic_update_slice_in_dim(hits, best, place, 0), steps + more
 
     zero = count * 0
-    state = zero, pair(rays[:, 7], zero - 1), zero
+    state = zero, pair(rays[7], zero - 1), zero
     _, hits, steps = lax.while_loop(lambda state: state[0] < count, trace_chunk, state)
-    return hits[:num], steps
+    return hits, steps

@@ -11,10 +11,10 @@ from reference import rays as twin
 import jaxraster as jr
 from jaxraster.geometry import bvh, shapes
 from jaxraster.geometry.bvh import DENSE
-from jaxraster.geometry.intersect import Rays
+from jaxraster.geometry.intersect import Rays, intersection, strike
 from jaxraster.math.pair import unpair
 from jaxraster.visibility import trace as module
-from jaxraster.visibility import trace_tree
+from jaxraster.visibility import trace_dense, trace_tree
 from jaxraster.visibility.trace import occluded, trace
 
 
@@ -183,7 +183,7 @@ def test_axis_aligned_rays_hit_every_face_edge_and_corner_of_a_cube_grid(build, 
 @pytest.mark.parametrize("length", [2e-30, 1e-9, 1.0, 1e20, 5e29])
 def test_distances_to_boxes_are_finite_along_directions_of_any_length(length):
     """An infinite inverse of a component would make 0 · inf in a box's plane."""
-    rays = jnp.array([[0.0, 0, 0, length, 0.0, -0.0, 0.0, 1.0]], jnp.float32)
+    rays = tuple(jnp.array([number], jnp.float32) for number in (0.0, 0, 0, length, 0.0, -0.0, 0.0, 1.0))
     boxes, _ = jax.jit(trace_tree._rows)(rays)
     inverse = np.asarray(boxes)[0, 3:6]
     assert inverse[0] == 1 and 1e30 < inverse[1] < np.inf and -np.inf < inverse[2] < -1e30
@@ -247,19 +247,80 @@ def test_trees_of_collinear_triangles_hit_nothing(build, count):
     assert np.all(np.asarray(trace(rays, tree).face) == -1)
 
 
-def test_a_stack_without_room_loses_nothing(monkeypatch):
-    """With no room to spare pairs are taken one by one, and found is the same."""
+@pytest.mark.parametrize("boxes", ["apart", "all in one place"])
+def test_a_stack_without_room_loses_nothing(monkeypatch, boxes):
+    """With no room to spare pairs are taken one by one, and found is the same, also where each ray meets each box."""
     rng = np.random.default_rng(2)
-    vertices, faces = soup(1000, rng)
+    vertices, faces = soup(1000, rng) if boxes == "apart" else (np.eye(3), np.tile(np.arange(3), (1000, 1)))
     origin, direction = at_soup(vertices, faces, rng, 64)
-    tree = build(vertices, faces)
+    tree = build(jnp.asarray(vertices, jnp.float32), jnp.asarray(faces, jnp.int32))
     rays = rays_of(origin, direction)
     expected, usual = trace(rays, tree), steps(rays, tree)
+    assert np.any(expected.face >= 0)
     monkeypatch.setattr(trace_tree, "SPARE", 0)
-    rows = jnp.concatenate([rays.origin, rays.direction, jnp.tile(jnp.array([[0.0, jnp.inf]]), (64, 1))], axis=1)
-    hits, more = jax.jit(lambda rows: trace_tree.trace_tree(tree.nodes, tree.leaves, rows, jnp.int32(64), False))(rows)
+    columns = (*rays.origin.T, *rays.direction.T, jnp.zeros(64), jnp.full(64, jnp.inf))
+    hits, more = jax.jit(lambda rays: trace_tree.trace_tree(tree.nodes, tree.leaves, rays, jnp.int32(64), False))(
+        columns
+    )
     np.testing.assert_array_equal(unpair(hits)[1], expected.face)
     assert int(more) > 2 * usual
+
+
+def bundle(rng, width, size):
+    """Rays that share their main axis, with origins and slopes in ranges of a width, and triangles of a size."""
+    corners = (rng.normal(size=(120, 1, 3)) * 4 + size * rng.normal(size=(120, 3, 3))).astype(np.float32)
+    origin = (rng.normal(size=3) + width * rng.uniform(-1, 1, (256, 3))).astype(np.float32)
+    direction = np.concatenate(
+        [rng.uniform(-0.7, 0.7, 2) + width * rng.uniform(-0.3, 0.3, (256, 2)), np.ones((256, 1))], 1
+    )
+    return corners, origin, (direction * rng.choice([1.0, -1.0]) * rng.uniform(0.1, 10, (256, 1))).astype(np.float32)
+
+
+@pytest.mark.parametrize(("width", "size", "most"), [(1.0, 1.0, 1.0), (0.1, 0.3, 0.2), (0.0, 0.01, 0.05)])
+def test_triangles_are_left_out_only_where_no_ray_meets_them(width, size, most):
+    """Of narrow bundles most are; rays through corners, where rounding decides, are in the wide ones."""
+    left = []
+    for seed in range(40):
+        corners, origin, direction = bundle(np.random.default_rng(seed), width, size)
+        if width == 1.0:
+            direction[:120] = corners[:, seed % 3] - origin[:120]
+        direction = np.where(np.abs(direction).argmax(axis=1)[:, None] == 2, direction, [0, 0, direction[-1, 2]])
+        shear, up = direction[:, :2] / direction[:, 2:], direction[:, 2] > 0
+        table, columns = (
+            jnp.asarray(corners.reshape(-1, 9)),
+            [jnp.asarray(v, jnp.float32) for v in (*origin.T, *shear.T)],
+        )
+        ends = [(jnp.min(v), jnp.max(v)) for v in columns]
+        missed = trace_dense._missed(table.T, ends[:3], ends[3:], jnp.any(up), jnp.any(~up))
+        per_z = jnp.asarray(1.0 / direction[:, 2], jnp.float32)
+        met, t = jax.vmap(strike, in_axes=(0, None, None, None))(table, columns[:3], columns[3:], per_z)
+        assert not np.any(np.asarray(met & (t > 0)).any(axis=1) & np.asarray(missed))
+        left.append(1.0 - np.mean(missed))
+    assert np.mean(left) < most
+
+
+@pytest.mark.parametrize("make", [build, build_morton], ids=["sah", "morton"])
+def test_what_a_tree_finds_has_the_gradient_of_its_place(make):
+    """t by `intersection` of the face that was found, against central differences of the whole search."""
+    sphere = shapes.icosphere(1.0, 2)
+    origin = jnp.array([[0.1, -0.2, 3.0], [0.4, 0.3, 3.0], [5.0, 0.0, 0.0]])
+    towards = jnp.array([[0.05, 0.02, -1.0], [-0.1, 0.05, -1.0], [0.0, 1.0, 0.0]])
+
+    def reach(scale, towards):
+        vertices = sphere.vertices * scale[None, :]
+        rays = Rays(origin=origin, direction=towards)
+        face = trace(rays, make(jax.lax.stop_gradient(vertices), sphere.faces)).face
+        return jnp.sum(jnp.where(face >= 0, intersection(vertices, sphere.faces, face, rays)[0], 0.0))
+
+    scale, step = jnp.array([1.0, 1.1, 0.9]), 1e-3
+    by_scale, by_direction = jax.grad(reach, argnums=(0, 1))(scale, towards)
+    for axis, one in enumerate(np.eye(3, dtype=np.float32) * step):
+        difference = (reach(scale + one, towards) - reach(scale - one, towards)) / (2 * step)
+        np.testing.assert_allclose(by_scale[axis], difference, rtol=2e-2, atol=2e-3)
+    moved = jnp.zeros((3, 3)).at[0, 0].set(step)
+    difference = (reach(scale, towards + moved) - reach(scale, towards - moved)) / (2 * step)
+    np.testing.assert_allclose(by_direction[0, 0], difference, rtol=2e-2, atol=2e-3)
+    assert np.all(np.isfinite(by_direction)) and np.all(np.asarray(by_direction[2]) == 0)
 
 
 @BUILDERS
