@@ -53,6 +53,18 @@ def finite(word: str) -> float:
     return number
 
 
+def between(low: float, high: float) -> Callable[[str], float]:
+    """A reader of numbers from `low` to `high`."""
+
+    def read(word: str) -> float:
+        number = finite(word)
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"expected a number from {low:g} to {high:g}, got {word!r}")
+        return number
+
+    return read
+
+
 def direction(word: str) -> tuple[float, float, float]:
     """Three finite numbers `x,y,z`, not all zero."""
     try:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError, OutputError, UsageError
-from .arguments import add_limit, choose
+from .arguments import add_limit, between, choose
 from .terminal import complain, interruptible, progress, say
 
 LIGHT = (".hdr", ".pic", ".exr")
@@ -43,6 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("reference", metavar="REFERENCE", help="what it should look like: of the same size and kind")
     option("-o", "--output", metavar="MAP", help="also draw where they differ (.png, .jpg), from black 0 to yellow 1")
     option("--metric", default="flip", metavar="NAME", help=f"what MAP shows: {', '.join(METRICS)} (default: flip)")
+    option(
+        "--pixels-per-degree",
+        type=between(1.0, 1000.0),
+        metavar="P",
+        help="how close FLIP looks: distance / width of a pixel, times pi / 180 (default: 67, a monitor 0.7 m away)",
+    )
     add_limit(parser, "read")
 
 
@@ -123,7 +129,9 @@ def run(arguments: argparse.Namespace) -> None:
         progress("comparing...")
         with interruptible():
             function = metrics.hdr_flip if light and name == "flip" else getattr(metrics, name)
-            scores[name] = function(jnp.asarray(image), jnp.asarray(reference))
+            ppd = arguments.pixels_per_degree if name == "flip" else None
+            seen = {"pixels_per_degree": ppd} if ppd else {}
+            scores[name] = function(jnp.asarray(image), jnp.asarray(reference), **seen)
             value = float(scores[name].value)
         say(f"{METRICS[name].name:13} {METRICS[name].text.format(value)}")
     shown, metric = scores[arguments.metric], METRICS[arguments.metric]

@@ -10,7 +10,7 @@ from refused import check_refused
 from jaxraster import metrics
 from jaxraster.cli import main
 from jaxraster.io.image import read_image, write_image
-from jaxraster.io.radiance import write_hdr
+from jaxraster.io.radiance import read_hdr, write_hdr
 
 SIZE = (16, 20)
 RNG = np.random.default_rng(2)
@@ -127,6 +127,8 @@ REFUSED = [
     ("a.png b.png -o linked.png", 4, "linked.png: is one of the pictures themselves"),
     ("a.png b.png -o map.exr", 4, "map.exr: unknown picture format '.exr'"),
     ("a.png b.png -o nowhere/map.png", 4, "nowhere/map.png: cannot be written: there is no folder"),
+    ("a.png b.png --pixels-per-degree 0", 2, "--pixels-per-degree: expected a number from 1 to 1000, got '0'"),
+    ("a.png b.png --pixels-per-degree near", 2, "--pixels-per-degree: expected a finite number, got 'near'"),
     ("a.png b.png --limit file_bytes=9", 5, "a.png: has "),
 ]
 
@@ -134,6 +136,17 @@ REFUSED = [
 @pytest.mark.parametrize(("words", "code", "says"), REFUSED, ids=[words or "nothing" for words, *_ in REFUSED])
 def test_refusals(words, code, says, capsys, folder):
     check_refused(run, words, code, says, capsys, folder)
+
+
+@pytest.mark.parametrize("suffix", ["png", "hdr"])
+def test_flip_looks_from_as_close_as_is_said(suffix, capsys):
+    """Of noise, one who stands farther off sees less."""
+    read = {"png": lambda name: read_image(name)[..., :3], "hdr": read_hdr}[suffix]
+    a, b = (jnp.asarray(read(f"{name}.{suffix}")) for name in "ab")
+    function = metrics.flip if suffix == "png" else metrics.hdr_flip
+    assert run(f"a.{suffix} b.{suffix} --pixels-per-degree 200") == 0
+    assert table(capsys.readouterr().out)["FLIP"] == f"{function(a, b, pixels_per_degree=200.0).value:.6g}"
+    assert function(a, b, pixels_per_degree=200.0).value < function(a, b).value
 
 
 def test_help_names_the_metrics(capsys):
