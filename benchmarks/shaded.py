@@ -24,9 +24,15 @@ from .measure import turns
 from .peers import reason
 from .peers.mesa_shaded import MesaShaded
 
-LIGHT = jr.stack_lights(directional=[((-0.5, -1.0, -0.6), (3.0, 3.0, 3.0))])
+SLANT = 0.35, -0.45, -1.0  # of the light, as the camera sees it: over its shoulder, so that a box's open side is lit
 GREY = jr.stack_materials([{"base_color": (0.8, 0.5, 0.3, 1.0), "metallic": 0.5, "roughness": 0.4}])
 NOTHING = jr.pack_textures([])
+
+
+def _lit(scene: jr.Scene, camera: jr.Camera) -> jr.Scene:
+    """The scene under one light."""
+    direction = np.asarray(camera.world_from_view)[:3, :3] @ np.array(SLANT)
+    return dataclasses.replace(scene, lights=jr.stack_lights(directional=[(direction, (3.0, 3.0, 3.0))]))
 
 
 def scenes(helmet: pathlib.Path | None) -> dict:
@@ -35,14 +41,14 @@ def scenes(helmet: pathlib.Path | None) -> dict:
     for name, subdivisions in (("W1 sphere of 1,280", 3), ("W2 sphere of 81,920", 6), ("W3 sphere of 327,680", 7)):
         mesh = shapes.icosphere(1.0, subdivisions)
         sky = jr.Environment(up=jnp.array([0.0, 1.0, 0.0]), sky=jnp.zeros(3), ground=jnp.zeros(3))
-        scene = jr.Scene(mesh=mesh, materials=GREY, textures=NOTHING, lights=LIGHT, environment=sky)
+        scene = jr.Scene(mesh=mesh, materials=GREY, textures=NOTHING, lights=jr.stack_lights(), environment=sky)
         made[name] = scene, frame_camera(mesh)
     if helmet:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             made[f"W4 {helmet.stem}"] = jr.load(helmet)
     made["W5 Cornell box"] = jr.scenes.cornell_box()
-    return {name: (dataclasses.replace(scene, lights=LIGHT), camera) for name, (scene, camera) in made.items()}
+    return {name: (_lit(scene, camera), camera) for name, (scene, camera) in made.items()}
 
 
 def measure(scene: jr.Scene, camera: jr.Camera, size: int, runs: int) -> tuple[dict[str, float], float]:
