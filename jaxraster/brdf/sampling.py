@@ -8,18 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..math import safe
-
-# Lobes of at most this α count as a mirror's, whose density is no number: float32 directions are hardly finer.
-MIRROR = 1e-6
+from .distribution import ggx_anisotropic
+from .masking import stretched_length
 
 Vector = Float[Array, "*b 3"]
 Alpha = Float[Array, "*b 2"]
-
-
-def _stretched_length(v: Vector, alpha: Alpha) -> Float[Array, "*b"]:
-    """√((αₓ vₓ)² + (α_y v_y)² + v_z²): |v| where the surface's ellipsoid is a sphere."""
-    x, y, z = alpha[..., 0] * v[..., 0], alpha[..., 1] * v[..., 1], v[..., 2]
-    return safe.sqrt(x * x + y * y + z * z)
 
 
 def visible_normal(u: Float[Array, "*b 2"], v: Vector, alpha: Alpha) -> tuple[Float[Array, "*b 3"], Float[Array, "*b"]]:
@@ -28,7 +21,7 @@ def visible_normal(u: Float[Array, "*b 2"], v: Vector, alpha: Alpha) -> tuple[Fl
     Where the ellipsoid is a sphere, and v is w there: h ∝ c + w, with c uniform on the sphere's cap z > -w_z. u in
     [0, 1)²; nothing is divided by a cosine, and h_z > 0 for all u < 1.
 
-    Gradient: exact in all for α > MIRROR; finite at u = 0, at u → 1, at v = n and grazing, and at α = 0.
+    Gradient: exact in all for α > `distribution.MIRROR`; finite at u = 0, at u → 1, at v = n and grazing, and at α = 0.
     Source: Heitz 2018, "Sampling the GGX Distribution of Visible Normals"; Dupuy and Benyoub 2023, "Sampling Visible
     GGX Normals with Spherical Caps".
 
@@ -50,22 +43,17 @@ def visible_normal(u: Float[Array, "*b 2"], v: Vector, alpha: Alpha) -> tuple[Fl
 
 def visible_density(v: Vector, h: Vector, alpha: Alpha) -> Float[Array, "*b"]:
     """D_v = G₁(v) (v·h)₊ D(h) / (n·v) per solid angle of h; 0 where h is below the surface or turned
-    away from v, and for a mirror, α up to MIRROR.
+    away from v, and for a mirror, α up to `distribution.MIRROR`.
 
-    Of l, v mirrored at h, the density is D_v / (4 v·h). D = 1/(π αₓα_y q²), q = (hₓ/αₓ)² + (h_y/α_y)² + h_z², is the
-    formula of `ggx` for equal α. G₁/(n·v) = 2 / (n·v + |αv|) has no cosine to divide by.
+    Of l, v mirrored at h, the density is D_v / (4 v·h). D is that of `ggx_anisotropic`; G₁/(n·v) = 2 / (n·v + |αv|) has
+    no cosine to divide by.
 
     Gradient: exact; 0 where the density is 0.
     Source: Heitz 2014, "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs", eqs. 2 and 87.
     """
     v_dot_h = safe.dot(v, h)
-    a, b = alpha[..., 0], alpha[..., 1]
-    seen = (v_dot_h > 0) & (h[..., 2] > 0) & (a > MIRROR) & (b > MIRROR)
-    a, b = jnp.where(seen, a, 1.0), jnp.where(seen, b, 1.0)
-    # D = k²/π with k = √(αₓα_y) / (αₓα_y q), in which no α is squared.
-    k = jnp.sqrt(a * b) / jnp.where(seen, h[..., 0] ** 2 * b / a + h[..., 1] ** 2 * a / b + a * b * h[..., 2] ** 2, 1.0)
-    density = 2.0 * k * k / jnp.pi * safe.divide(v_dot_h, v[..., 2] + _stretched_length(v, alpha))
-    return jnp.where(seen, density, 0.0)
+    density = 2.0 * ggx_anisotropic(h, alpha) * safe.divide(v_dot_h, v[..., 2] + stretched_length(v, alpha))
+    return jnp.where(v_dot_h > 0, density, 0.0)
 
 
 def reflection_weight(v: Vector, l: Vector, alpha: Alpha) -> Float[Array, "*b"]:
@@ -79,6 +67,6 @@ def reflection_weight(v: Vector, l: Vector, alpha: Alpha) -> Float[Array, "*b"]:
     Source: Heitz 2018, eq. 19, and 2014, eq. 99.
     """
     n_dot_v, n_dot_l = v[..., 2], l[..., 2]
-    long_v, long_l = _stretched_length(v, alpha), _stretched_length(l, alpha)
+    long_v, long_l = stretched_length(v, alpha), stretched_length(l, alpha)
     weight = safe.divide(n_dot_l * (n_dot_v + long_v), n_dot_l * long_v + n_dot_v * long_l)
     return jnp.where(n_dot_l > 0, weight, 0.0)

@@ -1,7 +1,8 @@
 """Ambient light from a two-tone environment, unoccluded but for the material's own occlusion.
 
 Diffuse: irradiance over π is ground + (sky - ground)·(1 + n·up)/2, exact for two half spaces. Specular: the tone a lobe
-of width alpha about the mirror direction r gathers, times the lobe's directional albedo. The sky's share of that lobe
+of width alpha about the mirror direction r gathers, times the directional albedo of all bounces, which leaves the rest
+to the diffuse: in uniform surroundings what is white cannot be told from them. The sky's share of that lobe
 is ½ + ½ r·up / √((r·up)² + w² (1 - (r·up)²)) with w = 2α/(1 + α), for mirroring doubles a half vector's tilt: a step
 for a mirror and the cosine's (1 + r·up)/2 at alpha = 1, both exact, and between them off the GGX lobe seen head on by
 at most 0.01 (measured by the tests). Radiance in cd/m². Does not affect: direct light.
@@ -13,7 +14,7 @@ Source: hemisphere lighting as in Baker & Boyd 2001; the blend between its two e
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..brdf.energy import directional_albedo
+from ..brdf.compensation import compensated_albedo
 from ..buffers import Surface
 from ..math import safe
 from ..record import Scalar, record
@@ -50,7 +51,7 @@ def ambient(
     n, v = surface.normal, surface.view
     n_dot_v = safe.dot(n, v)
     mirror = 2.0 * n_dot_v[..., None] * n - v
-    albedo = directional_albedo(surface.f0, jnp.clip(n_dot_v, 0.0, 1.0), surface.alpha, surface.f90)
+    albedo = compensated_albedo(surface.f0, n_dot_v, surface.alpha, surface.f90)
     gain = (settings.gain * surface.occlusion)[..., None]
     diffuse = surface.diffuse_color * (1.0 - albedo) * tones(environment, n, jnp.ones_like(n_dot_v))
     return gain * diffuse, gain * albedo * tones(environment, mirror, surface.alpha)
