@@ -58,8 +58,8 @@ def main():
         "material", lambda f, s: material(f, s.materials, s.textures, plan.texture_slots), fragment, scene
     )
     if plan.shadow_map is not None:
-        lamps = scene.lights.directional
-        measure("shadow_map", lambda f, s: shadow_map(f, s.mesh, lamps, plan.shadow_map), surface, scene)
+        settings = plan.shadow_map
+        measure("shadow_map", lambda f, s, c: shadow_map(f, s.mesh, s.lights, c, settings), surface, scene, camera)
     measure("punctual", lambda f, s: punctual(f, s.lights, plan.light_kinds, BRDFS[plan.shading]), surface, scene)
     measure("frame", lambda s, c, p: jr.render(s, c, p).image, scene, camera, plan)
 

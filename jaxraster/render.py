@@ -16,8 +16,8 @@ from .display.transfer import srgb_encode
 from .light.ambient import ambient
 from .light.background import background
 from .light.emission import emission
-from .light.punctual import punctual
 from .light.shadow_map import shadow_map
+from .light.shadow_share import shadowed
 from .plan import Plan, as_arrays
 from .resolve import resolve
 from .scene import Camera, Scene
@@ -65,10 +65,9 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
         mesh = casters(mesh, modes)
 
     # Light it, keeping the paths apart.
-    share = effect(shadow_map, plan.shadow_map, surface, mesh, scene.lights.directional)
-    shadow = None if plan.shadow_map is None else (plan.shadow_map.light, share)
+    shares = effect(shadow_map, plan.shadow_map, surface, mesh, scene.lights, camera, otherwise={})
     with jax.named_scope("direct"):
-        direct = punctual(surface, scene.lights, plan.light_kinds, BRDFS[plan.shading], shadow)
+        direct = shadowed(surface, scene.lights, plan.light_kinds, BRDFS[plan.shading], shares)
     dark = jnp.zeros_like(surface.position)
     indirect = effect(ambient, plan.ambient, surface, scene.environment, otherwise=(dark, dark))
     emitted = effect(emission, plan.emission, surface, otherwise=dark)

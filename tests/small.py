@@ -4,7 +4,6 @@ Scenes of `scene()` differ in their numbers alone, and pictures with two plans s
 common, so that a hundred pictures cost little more than a handful of compilations.
 """
 
-import functools
 import importlib
 import inspect
 import types
@@ -71,7 +70,6 @@ _STAGES = {
     "gather": (),
     "material": ("slots", "layered"),
     "layered": ("slots",),
-    "shadow_map": (),
     "ambient": (),
     "emission": (),
     "background": ("height", "width"),
@@ -84,15 +82,6 @@ _STAGES = {
 _compiled = {name: jax.jit(getattr(_module, name), static_argnames=static) for name, static in _STAGES.items()}
 
 
-@functools.partial(jax.jit, static_argnames=("kinds", "brdf", "index"))
-def _lit(surface, lights, kinds, brdf, index, share):
-    return _module.punctual(surface, lights, kinds, brdf, None if index is None else (index, share))
-
-
-def _punctual(surface, lights, kinds, brdf, shadow):
-    return _lit(surface, lights, kinds, brdf, *(shadow or (None, None)))
-
-
 def _with(function, **changes):
     """A function that finds other functions under some of the names it looks up in its module."""
     plain = inspect.unwrap(function)
@@ -102,4 +91,4 @@ def _with(function, **changes):
 
 
 _rasterize = _with(_module.rasterize, barycentric=jax.jit(raster.barycentric))
-render = _with(_module.render, **_compiled, punctual=_punctual, rasterize=_rasterize)
+render = _with(_module.render, **_compiled, rasterize=_rasterize)

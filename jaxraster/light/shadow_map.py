@@ -1,122 +1,198 @@
-"""The shadow map of one directional light, with constant and slope bias and 3×3 percentage-closer filtering.
+"""Shadow maps: what the light sees, drawn once, and every pixel compared with it.
 
-The scene is rasterized from the light in a parallel projection fitted to all of it; a pixel is compared with the 4×4
-texels around it, weighed as a box of 3×3 texels about its exact position, so that penumbras are ramps, not steps: two
-texels from a shadow's edge, counted on either axis, there is none. The bias lets light in at the foot of thin casters,
-2.5 texels far at 45° and 5.6 at 73° (measured by the tests), and none at the foot of solid ones.
-World units; 1 is lit, exactly so on any plane that nothing is above. Does not affect: ambient light, emission, other
-lights.
+One map of the whole scene or several cascades of what is in view for a directional light, one for a spot, six for a
+point. What lies outside of a map is lit. `shadow_frame` has the projections, `shadow_bias` what keeps a surface from
+shadowing itself, `shadow_filter` and `shadow_penumbra` what is made of the texels about a place, `shadow_cascades` the
+cascades, and `shadow_exact` asks rays instead of a map.
+World units; 1 is lit, exactly so on any plane that nothing is above, up to 89.9° of incidence at the default biases,
+which let in light at the foot of a wall for half a texel (measured by the tests). Does not affect: ambient light,
+emission, lights without a map.
 
 Gradient: none, on purpose: occlusion is a depth test, whose derivative is 0 almost everywhere, and the width of the
 filter's ramp belongs to the map's texels, not to the scene.
-Source: Williams 1978; Reeves, Salesin & Cook 1987; slope bias as in Direct3D's "Depth Bias", in texels.
+Source: Williams 1978, "Casting curved shadows on curved surfaces".
 """
+
+import functools
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..buffers import Surface
 from ..math import safe
-from ..math.table import fetch
-from ..math.transform import frame
 from ..record import Scalar, record, static
-from ..scene import Directional, Mesh
+from ..scene import Camera, Lights, Mesh
 from ..visibility.raster import rasterize_depth
+from .shadow_bias import base_bias, offset_along_normal, plane_bias
+from .shadow_exact import exact
+from .shadow_filter import box, disc, lookup, single
+from .shadow_frame import LightView, Receiver, inside, light_clip, receiver
+from .shadow_penumbra import penumbra
+from .shadow_views import VIEWS
 
-MARGIN = 2  # texels left free on every side: as far as a tap reaches, so that none leaves the map
-# Cosine at which the slope's tangent stops growing: light that grazes further adds under 1/1000 of its irradiance.
-MIN_COSINE = 1e-3
+FILTERS = "single", "box", "disc", "penumbra", "exact"
+CASTERS = "all", "front", "back"
+MOST_TAPS = 1024  # a program of as many fetches; more hardly differ, and take minutes to compile
 
 
 @record
 class ShadowMap:
-    """`light` is a row of `Lights.directional`, `resolution` the map's side in texels.
+    """`resolution` is a map's side in texels; each of a point light's six maps has half of it.
 
-    A tap occludes if it lies nearer to the light by more than `constant_bias` texels plus `slope_bias` times what the
-    receiver's own plane rises within the filter's reach; 1 is the least that keeps a plane from shadowing itself.
+    `directional`, `point` and `spot` are the rows of those lights that throw shadows, None for all of them.
+    `filter` is "single" (one texel), "box" (`width` texels on a side), "disc" (`taps` of them over a disc `width`
+    texels wide), "penumbra" (as wide as the light is large: twice `taps`) or "exact" (a ray per pixel, and no map).
+    `casters` draws "all" faces into the map, or those alone that face towards the light ("front", the same picture in
+    half the time where meshes are closed) or away from it ("back"). `cascades` is how many maps share what is in view
+    of a directional light, 0 for one map of the whole scene; `split` lies between 0, cascades of even depths, and 1, of
+    even ratios of them.
+
+    Biases are in texels: constant, per texel of slope, per unit of the receiver's own plane, and along the normal.
+    `angle` is the tangent of a directional light's angular radius, the sun's, and `radius` a lamp's, in metres.
     """
 
     resolution: int = static(default=1024)
-    light: int = static(default=0)
-    constant_bias: Scalar = 0.5
-    slope_bias: Scalar = 1.0
+    directional: tuple | None = static(default=None)
+    point: tuple | None = static(default=None)
+    spot: tuple | None = static(default=None)
+    filter: str = static(default="box")
+    width: int = static(default=3)
+    taps: int = static(default=64)
+    casters: str = static(default="all")
+    cascades: int = static(default=0)
+    split: Scalar = 0.5
+    constant_bias: Scalar = 0.25
+    slope_bias: Scalar = 0.0078125
+    receiver_plane: Scalar = 1.0
+    normal_offset: Scalar = 0.0
+    angle: Scalar = 0.00465
+    radius: Scalar = 0.05
+
+    @property
+    def margin(self) -> int:
+        """Texels around a map that only filters reach, which taps must not leave."""
+        reach = {"single": 1, "box": (self.width + 2) // 2, "disc": (self.width + 3) // 2, "exact": 0}
+        return reach.get(self.filter, 2 + self.resolution // 32)
 
     def validate(self):
-        """Raise one clear line for a map without texels or a light that cannot be."""
-        if type(self.resolution) is not int or self.resolution <= 2 * MARGIN:
-            raise ValueError(f"ShadowMap.resolution must be a whole number above {2 * MARGIN}, got {self.resolution!r}")
-        if type(self.light) is not int or self.light < 0:
-            raise ValueError(f"ShadowMap.light must be a row of Lights.directional, 0 or more, got {self.light!r}")
+        """Raise one clear line for a map without texels, a name that means nothing, or lights that cannot be."""
+        for name, known in (("filter", FILTERS), ("casters", CASTERS)):
+            if getattr(self, name) not in known:
+                raise ValueError(f"ShadowMap.{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
+        for name, least, most in (("width", 1, 64), ("taps", 1, MOST_TAPS), ("cascades", 0, 16)):
+            value = getattr(self, name)
+            if type(value) is not int or not least <= value <= most:
+                raise ValueError(f"ShadowMap.{name} must be a whole number from {least} to {most}, got {value!r}")
+        least = 4 * self.margin
+        if type(self.resolution) is not int or self.resolution <= least:
+            raise ValueError(
+                f"ShadowMap.resolution must be a whole number above {least} for this filter, got {self.resolution!r}"
+            )
+        for kind in VIEWS:
+            rows = getattr(self, kind)
+            if rows is None:
+                continue
+            if not isinstance(rows, tuple) or any(type(row) is not int or row < 0 for row in rows):
+                raise ValueError(f"ShadowMap.{kind} must be None or a tuple of rows of lights, got {rows!r}")
+            if len({*rows}) < len(rows):
+                raise ValueError(f"ShadowMap.{kind} must name each light once, got {rows}")
 
 
-def _light_frame(direction: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """Rows: the map's two axes, and the direction towards the light."""
-    towards = -safe.normalize(direction)
-    return jnp.stack([*frame(towards), towards])
+def _rows(settings: ShadowMap, kind: str, count: int) -> tuple[int, ...]:
+    """Which lights of a kind, of which there are `count`, have a map."""
+    rows = getattr(settings, kind)
+    rows = tuple(range(count)) if rows is None else rows
+    if count == 0:
+        return ()
+    if any(row >= count for row in rows):
+        raise ValueError(f"ShadowMap.{kind} names light {max(rows)}, but the scene has {count} of that kind, from 0")
+    return rows
 
 
-def _rotate(axes, vectors):
-    """Light-space coordinates of world vectors, written out in full precision."""
-    return jnp.stack([safe.dot(vectors, jnp.broadcast_to(axis, vectors.shape)) for axis in axes], axis=-1)
+def _kept(mesh: Mesh, view: LightView, casters: str) -> Int[Array, "f 3"]:
+    """The faces of one side, the others drawn in to a point."""
+    if casters == "all":
+        return mesh.faces
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    towards = jnp.broadcast_to(view.axes[2], a.shape)
+    if view.central:
+        towards = jnp.broadcast_to(view.origin, a.shape) - a
+    # Make a unit of each: products of four lengths would leave float32.
+    facing = safe.dot(jnp.cross(safe.normalize(b - a), safe.normalize(c - a)), safe.normalize(towards))
+    kept = facing > 0 if casters == "front" else facing < 0
+    return jnp.where(kept[:, None], mesh.faces, mesh.faces[:, :1])
 
 
-def _taps(texel, size):
-    """The four texels an axis's box of three reaches, and their weights: in 1/256, so that they add up exactly."""
-    first = jnp.floor(texel - 0.5)
-    fraction = jnp.round(256.0 * (texel - 0.5 - first)) / 256.0
-    index = [jnp.clip(first.astype(jnp.int32) + offset, 0, size - 1) for offset in (-1, 0, 1, 2)]
-    one = jnp.ones_like(fraction)
-    return list(zip(index, (1.0 - fraction, one, one, fraction)))
+def _filtered(view: LightView, occluders: Array, place: Receiver, settings: ShadowMap) -> Float[Array, "*b"]:
+    """The share of a map's texels about each place that leave it lit."""
+    bias = base_bias(place, settings.constant_bias, settings.slope_bias)
+
+    def threshold(column, line):
+        rise = plane_bias(place, column + 0.5, line + 0.5, settings.receiver_plane)
+        # Depth 0 means nothing, also to a receiver below all that the map was fitted to.
+        return jnp.maximum(place.depth + bias + rise, 0.0)
+
+    def depth(column, line):
+        return lookup(occluders, view.size, column, line)
+
+    def test(column, line):
+        return jnp.where(depth(column, line) > threshold(column, line), 0.0, 1.0)
+
+    if settings.filter == "single":
+        return single(place.x, place.y, test)
+    if settings.filter == "box":
+        return box(place.x, place.y, test, settings.width)
+    if settings.filter == "disc":
+        return disc(place.x, place.y, test, 0.5 * settings.width, 0.5 * settings.width, settings.taps)
+    size = settings.radius / view.depth[0] if view.central else settings.angle * view.depth[1]
+    return penumbra(place, view, jnp.max(occluders), depth, threshold, size, settings.taps)
 
 
-def shadow_map(surface: Surface, mesh: Mesh, lights: Directional, settings: ShadowMap) -> Float[Array, "*b"]:
-    """The share of the light that reaches each pixel, in [0, 1]."""
-    surface, mesh, lights = jax.tree.map(lax.stop_gradient, (surface, mesh, lights))
-    size = settings.resolution
-    count = lights.direction.shape[0]
-    if mesh.faces.shape[0] == 0 or count == 0:
-        return jnp.ones_like(surface.alpha)
-    if settings.light >= count:
-        raise ValueError(f"ShadowMap.light is {settings.light}, but the scene has {count} directional lights")
-    axes = _light_frame(lights.direction[settings.light])
+def _share(kind, light, surface, mesh, camera, settings):
+    """How much of one light each pixel sees."""
+    views, weights = VIEWS[kind](light, surface, mesh, camera, settings)
 
-    # Fit the projection to all finite corners; height grows towards the light, depth 1 is the nearest to it.
-    vertices = _rotate(axes, mesh.vertices)
-    fitted = jnp.zeros(len(vertices), bool).at[mesh.faces].set(True)[:, None]
-    fitted &= jnp.all(jnp.isfinite(vertices), axis=-1, keepdims=True)
-    low = jnp.min(jnp.where(fitted, vertices, jnp.inf), axis=0)
-    high = jnp.max(jnp.where(fitted, vertices, -jnp.inf), axis=0)
-    low, high = (jnp.where(jnp.isfinite(bound), bound, 0.0) for bound in (low, high))
-    extent = jnp.maximum(high - low, safe.TINY)
-    texel = extent[:2] / (size - 2 * MARGIN)
-    # Leave a texel's depth at both ends: depth 0 means nothing, and rounding must push no vertex past the near plane.
-    depth_range = extent[2] + 2.0 * jnp.max(texel)
-    depth_low = low[2] - jnp.max(texel)
+    def subtract(share, one):
+        view, weight = one
+        clip, faces = light_clip(view, mesh.vertices), _kept(mesh, view, settings.casters)
+        occluders = rasterize_depth(clip, faces, height=view.size, width=view.size).reshape(-1)
+        position = surface.position
+        position = offset_along_normal(view, position, surface.geometric_normal, settings.normal_offset)
+        place = receiver(view, position, surface.geometric_normal)
+        lit = _filtered(view, occluders.astype(position.dtype), place, settings)
+        return share - weight * inside(view, place) * (1.0 - lit), None
 
-    def to_map(points):
-        column, line, height = (points[..., i] for i in range(3))
-        x, y = (column - low[0]) / texel[0] + MARGIN, (line - low[1]) / texel[1] + MARGIN
-        return x, y, (height - depth_low) / depth_range
+    share, _ = lax.scan(subtract, jnp.ones_like(surface.alpha), (views, weights))
+    return jnp.clip(share, 0.0, 1.0)
 
-    x, y, depth = to_map(vertices)
-    clip = jnp.stack([x * (2.0 / size) - 1.0, 1.0 - y * (2.0 / size), depth, jnp.ones_like(x)], axis=-1)
-    occluders = rasterize_depth(clip, mesh.faces, height=size, width=size).reshape(-1).astype(depth.dtype)
 
-    # Bias by what the receiver's plane rises from its point to the farthest tap, two texels away on each axis.
-    x, y, depth = to_map(_rotate(axes, surface.position))
-    normal = _rotate(axes, surface.geometric_normal)
-    cosine = jnp.maximum(jnp.abs(normal[..., 2]), MIN_COSINE)
-    rise = (jnp.abs(normal[..., 0]) * texel[0] + jnp.abs(normal[..., 1]) * texel[1]) / cosine
-    bias = settings.constant_bias * jnp.max(texel) + settings.slope_bias * MARGIN * rise
-    # Depth 0 means nothing, also to a receiver below all that the map was fitted to.
-    threshold = jnp.maximum(depth + bias / depth_range, 0.0)
+@functools.partial(jax.jit, static_argnames="kind")
+def _shares(kind, lights, surface, mesh, camera, settings):
+    """The same for each of several lights of a kind."""
+    if settings.filter == "exact":
+        return exact(kind, lights, surface, mesh)
+    # One light after the other: side by side they would need the memory of several pictures each.
+    return lax.map(lambda light: _share(kind, light, surface, mesh, camera, settings), lights)
 
-    # Weigh the taps that are not nearer to the light.
-    lit = jnp.zeros_like(depth)
-    for line, line_weight in _taps(y, size):
-        for column, column_weight in _taps(x, size):
-            nearest = fetch(occluders, line * size + column)
-            lit += line_weight * column_weight * jnp.where(nearest > threshold, 0.0, 1.0)
-    return lax.stop_gradient(lit / 9.0)
+
+def shadow_map(
+    surface: Surface, mesh: Mesh, lights: Lights, camera: Camera, settings: ShadowMap
+) -> dict[str, Float[Array, "n *b"]]:
+    """The share in [0, 1] of each light that reaches every pixel, for all kinds of which a light has a map."""
+    # Which lights have a map shall not key the compilation of how they are drawn.
+    any_light = replace(settings, directional=None, point=None, spot=None)
+    inputs = jax.tree.map(lax.stop_gradient, (surface, mesh, camera, any_light))
+    shares = {}
+    for kind in VIEWS:
+        every = jax.tree.map(lax.stop_gradient, getattr(lights, kind))
+        count = jax.tree.leaves(every)[0].shape[0]
+        rows = _rows(settings, kind, count)
+        if not rows or mesh.faces.shape[0] == 0:
+            continue
+        some = jnp.array(rows)
+        lit = _shares(kind, jax.tree.map(lambda leaf, some=some: leaf[some], every), *inputs)
+        shares[kind] = jnp.ones((count, *lit.shape[1:]), lit.dtype).at[some].set(lit)
+    return shares

@@ -6,7 +6,6 @@ factor of zero still has a gradient. Gradient: none; plans are made outside of `
 """
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -17,14 +16,14 @@ import numpy as np
 from ..light.ambient import Ambient
 from ..light.background import Background
 from ..light.emission import Emission
+from ..light.shadow_frame import NARROW, WIDE
 from ..light.shadow_map import ShadowMap
 from ..parameters import matches, parameters
 from ..plan import Plan
 from ..scene import BLEND, LIGHT_KINDS, MASK, OPAQUE, TEXTURE_SLOTS, Camera, Scene, check_scene
 from ..surface.opacity import CUTOFF
 from ..visibility.layers import Layers
-from ..visibility.project import clip_from_world
-from .occluders import may_shadow, visible_polygons
+from .shadow import Light, members, plan_shadows, views
 from .transparent import cut_out, shows_through
 
 STRENGTH = {"directional": "irradiance", "point": "intensity", "spot": "intensity"}
@@ -74,9 +73,10 @@ class _Facts:
         return (values != 0).any(axis=-1) | self.differentiated(f"lights.{kind}.{name}")
 
     def moves(self) -> bool:
-        """Whether a surface, the camera or a directional light's direction is differentiated."""
-        names = ("scene.mesh.vertices", "scene.lights.directional.direction")
-        names += ("camera.world_from_view", "camera.clip_from_view")
+        """Whether a surface, the camera or a light's place or direction is differentiated."""
+        names = ("scene.mesh.vertices", "camera.world_from_view", "camera.clip_from_view")
+        names += ("scene.lights.directional.direction", "scene.lights.point.position")
+        names += ("scene.lights.spot.position", "scene.lights.spot.direction")
         return any(matches(name, pattern) for name in names for pattern in self.wrt)
 
     def surroundings(self) -> bool:
@@ -125,56 +125,25 @@ def _texture_slot(facts: _Facts, slot: str, ambient: bool) -> Reason:
     return Reason(True, f"fetched by {count} material{'s' if count > 1 else ''}")
 
 
-def _members(batch: np.ndarray) -> np.ndarray:
-    """The matrices `[n, i, j]` of a batch with any leading axes, or none."""
-    return batch.reshape(math.prod(batch.shape[:-2]), *batch.shape[-2:])
-
-
 def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | None, Reason]:
     if shading == "local":
         return None, Reason(False, "local shading has no visibility of lights")
-    lights, shining = facts.scene.lights.directional, facts.light("directional")
-    # Light without a direction shines on nothing.
-    shining = shining & (lights.direction != 0).any(axis=-1)
-    shining = np.atleast_1d(shining.any(axis=tuple(range(shining.ndim - 1))))
-    if not shining.any():
-        return None, Reason(False, "no directional light shines, and other kinds cast no shadow yet")
-
-    # Take the strongest light that may cast one; only one has a shadow so far.
-    strength = np.abs(lights.irradiance).sum(axis=-1).reshape(-1, shining.size).max(axis=0)
-    candidates = [int(light) for light in np.argsort(-strength, kind="stable") if shining[light]]
-    others = "" if len(candidates) == 1 else f"; the other {len(candidates) - 1} directional lights cast none"
-    if facts.moves():
-        why = f"light {candidates[0]} may come to cast one: what is differentiated moves it, a surface or the camera"
-        return ShadowMap(light=candidates[0]), Reason(True, why + others)
-    for light in candidates:
-        verdict = _may_shadow(facts, _members(lights.direction)[:, light], plan_size)
-        if verdict:
-            why = f"something stands between light {light} and a surface in view"
-            return ShadowMap(light=light), Reason(True, why + others)
-        if verdict is None:
-            why = f"too many faces to prove that none is shadowed from light {light}"
-            return ShadowMap(light=light), Reason(True, why + others)
-    return None, Reason(False, "nothing stands between the light and any surface in view")
-
-
-def _may_shadow(facts: _Facts, directions: np.ndarray, plan_size: dict) -> bool | None:
-    """Whether light from any of the directions may be kept from a surface in any camera's view; None for unknown."""
-    undecided = False
-    for corners in _members(facts.scene.mesh.vertices):
-        triangles = corners[facts.scene.mesh.faces]
-        triangles = triangles[np.isfinite(triangles).all(axis=(1, 2))]
-        fitted = corners[np.unique(facts.scene.mesh.faces)].astype(np.float64)
-        fitted = fitted[np.isfinite(fitted).all(axis=1)]
-        size = float(np.linalg.norm(np.ptp(fitted, axis=0))) if len(fitted) else 0.0
-        for matrix in _members(np.asarray(clip_from_world(facts.camera, **plan_size))):
-            receivers = visible_polygons(triangles, matrix)
-            for direction in directions:
-                verdict = may_shadow(triangles, receivers, direction, size)
-                if verdict:
-                    return True
-                undecided = undecided or verdict is None
-    return None if undecided else False
+    lights = []
+    for kind in STRENGTH:
+        every, shining = getattr(facts.scene.lights, kind), facts.light(kind)
+        places = every.position if kind != "directional" else every.direction
+        # Light without a direction shines on nothing.
+        shining = shining & ((places != 0).any(axis=-1) | (kind != "directional"))
+        shining = np.atleast_1d(shining.any(axis=tuple(range(shining.ndim - 1))))
+        for row in np.flatnonzero(shining).tolist():
+            tangent = float(np.tan(np.clip(np.max(every.outer[..., row]), NARROW, WIDE))) if kind == "spot" else 1.0
+            lights.append(Light(kind, row, members(places, 2)[:, row], tangent))
+    if not lights:
+        return None, Reason(False, "no light that throws shadows shines")
+    moves = facts.moves()
+    seen = [] if moves else views(facts.scene.mesh.vertices, facts.scene.mesh.faces, facts.camera, plan_size)
+    settings, why = plan_shadows(lights, seen, moves)
+    return settings, Reason(settings is not None, why)
 
 
 def _concrete(scene: Scene, camera: Camera) -> None:
@@ -243,7 +212,7 @@ def plan_for(
     plan = replace(asked, **{name: value for name, value in chosen.items() if name not in settings})
     for name in settings.keys() & reasons.keys():
         reasons[name] = Reason(settings[name] not in (None, False), "as asked for")
-    for name, word, members in (("texture_slots", "texture", TEXTURE_SLOTS), ("light_kinds", "light", LIGHT_KINDS)):
+    for name, word, known in (("texture_slots", "texture", TEXTURE_SLOTS), ("light_kinds", "light", LIGHT_KINDS)):
         if name in settings:
-            reasons |= {f"{word} {member}": Reason(member in settings[name], "as asked for") for member in members}
+            reasons |= {f"{word} {member}": Reason(member in settings[name], "as asked for") for member in known}
     return plan, reasons

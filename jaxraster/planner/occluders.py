@@ -1,7 +1,7 @@
 """Whether any surface in view can be shadowed at all: a proof on the host, on concrete geometry.
 
-A face shadows another only if, seen along the light, the two overlap, and it reaches above the other's plane. Faces in
-view are first cut to the camera's frustum; the answer errs towards "yes".
+A face shadows another only if, seen along the light or from the lamp, the two overlap, and it reaches above the
+other's plane. Faces in view are first cut to the camera's frustum; the answer errs towards "yes".
 
 Gradient: none, plain NumPy in double precision.
 """
@@ -13,8 +13,8 @@ import numpy as np
 MAX_PAIRS = 4_000_000
 # A face must reach above a plane by this share of the scene's size, which is some float32 roundings of a position.
 RELATIVE_GAP = 1e-6
-# Overlap is judged with this margin of the scene's size: of the default map's 1024 texels each is at most 1/1020 of it,
-# the filter reaches two of them beyond an edge on either axis, 2.83 in all, and snapping adds less than one.
+# Overlap is judged with this margin of the scene's size: of a map's 1024 texels each is at most 1/1020 of it, the
+# filter reaches two of them beyond an edge on either axis, 2.83 in all, and snapping adds less than one.
 RELATIVE_REACH = 4 / 1024
 
 
@@ -68,32 +68,72 @@ def _separated(a: np.ndarray, others: np.ndarray, reach: float) -> np.ndarray:
     return np.maximum(gaps(own), gaps(axes(others))) > reach
 
 
-def may_shadow(
-    triangles: np.ndarray, receivers: list[tuple[int, np.ndarray]], direction: np.ndarray, size: float
-) -> bool | None:
-    """Whether any of the faces `[f, 3, 3]` can stand between the light and a receiver; None if too many to tell.
+def _planes(triangles: np.ndarray) -> np.ndarray:
+    """Unit normals of triangles, 0 where they have no area."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return normals / np.where(lengths > 0, lengths, 1.0)
 
-    `size` is the diagonal of the box around all vertices.
+
+def may_shadow(
+    triangles: np.ndarray,
+    receivers: list[tuple[int, np.ndarray]],
+    direction: np.ndarray,
+    size: float,
+    reach: float = RELATIVE_REACH,
+    pairs: int = MAX_PAIRS,
+) -> bool | None:
+    """Whether any of the faces `[f, 3, 3]` can stand between parallel light and a receiver; None if too many to tell.
+
+    `size` is the diagonal of the box around all vertices, and a map's filter reaches `reach` of it.
     """
-    stride = max(1, -(-len(receivers) * len(triangles) // MAX_PAIRS))
+    stride = max(1, -(-len(receivers) * len(triangles) // pairs))
     towards = -np.asarray(direction, np.float64) / np.linalg.norm(direction)
     helper = np.eye(3)[np.argmin(np.abs(towards))]
     right = np.cross(helper, towards)
     right /= np.linalg.norm(right)
     flat = np.stack([right, np.cross(towards, right)], axis=-1)
-    triangles = triangles.astype(np.float64)
     shadows = triangles @ flat
+    normals = _planes(triangles)
 
     for face, polygon in receivers[::stride]:
-        a, b, c = triangles[face]
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal)
-        if length == 0:
-            continue
-        normal *= np.where(normal @ towards < 0, -1.0, 1.0) / length
-        above = ((triangles - a) @ normal).max(axis=1) > RELATIVE_GAP * size
+        normal = normals[face] * np.where(normals[face] @ towards < 0, -1.0, 1.0)
+        above = ((triangles - triangles[face, 0]) @ normal).max(axis=1) > RELATIVE_GAP * size
         above[face] = False
         candidates = shadows[above]
-        if len(candidates) and not _separated(polygon @ flat, candidates, RELATIVE_REACH * size).all():
+        if len(candidates) and not _separated(polygon @ flat, candidates, reach * size).all():
+            return True
+    return False if stride == 1 else None
+
+
+def lamp_may_shadow(
+    triangles: np.ndarray,
+    receivers: list[tuple[int, np.ndarray]],
+    position: np.ndarray,
+    size: float,
+    reach: float = RELATIVE_REACH,
+    pairs: int = MAX_PAIRS,
+) -> bool | None:
+    """The same for a lamp: `reach` is then a tangent, seen from it.
+
+    What shadows a receiver meets the pyramid from the lamp to it, so that no side of the pyramid has it outside.
+    """
+    stride = max(1, -(-len(receivers) * len(triangles) // pairs))
+    gap, lamp = RELATIVE_GAP * size, np.asarray(position, np.float64)
+    away, normals = triangles - lamp, _planes(triangles)
+    allowed = reach * np.linalg.norm(away, axis=-1).max(axis=1)
+
+    for face, polygon in receivers[::stride]:
+        normal = normals[face] * (-1.0 if normals[face] @ away[face, 0] > 0 else 1.0)
+        outside = ((triangles - triangles[face, 0]) @ normal).max(axis=1) <= gap
+        outside[face] = True
+        rays = polygon - lamp
+        middle = rays.mean(axis=0)
+        for edge in np.cross(rays, np.roll(rays, -1, axis=0)):
+            length = np.linalg.norm(edge)
+            if length > 0:
+                edge = edge / length * (-1.0 if edge @ middle > 0 else 1.0)
+                outside |= (away @ edge).min(axis=1) > allowed
+        if not outside.all():
             return True
     return False if stride == 1 else None

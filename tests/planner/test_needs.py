@@ -18,7 +18,7 @@ from jaxraster.light.ambient import Ambient
 from jaxraster.light.shadow_map import ShadowMap
 from jaxraster.parameters import parameters
 from jaxraster.plan import Plan
-from jaxraster.planner import Reason, explain, occluders, plan_for
+from jaxraster.planner import Reason, explain, plan_for, shadow
 from jaxraster.scene import BLEND, LIGHT_KINDS, MASK, TEXTURE_SLOTS, Scene
 from jaxraster.scenes import SCENES, parts
 from jaxraster.visibility.layers import Layers
@@ -154,9 +154,16 @@ RULES = {
     "shadow of a light": (
         "shadow_map",
         {"directional": [(SLANTED, 1e-6)]},
-        {"directional": [(SLANTED, 0.0)], "point": [((0, 3, 0), 1.0)]},
-        "no directional light shines, and other kinds cast no shadow yet",
+        {"directional": [(SLANTED, 0.0)]},
+        "no light that throws shadows shines",
     ),
+    **{
+        f"shadow of a {kind}": ("shadow_map", {kind: [light(1e-6)]}, {kind: [light(0.0)]}, "no light that throws")
+        for kind, light in {
+            "point": lambda strength: ((0, 3, 0), strength),
+            "spot": lambda strength: ((0, 3, 0), DOWN, strength),
+        }.items()
+    },
 }
 
 
@@ -213,21 +220,70 @@ def test_a_shadow_is_planned_where_something_can_stand_in_the_light(case):
     assert reason.on is on, reason.why
 
 
+# The same for lamps: where they are, and what stands there.
+LAMPS = {
+    "a lone plane": (False, [GROUND], (1.0, 2.0, 0.0)),
+    "a lamp in the plane": (False, [GROUND], (1.0, 0.0, 0.0)),
+    "a caster between": (True, [GROUND, HOVERING], (0.5, 2.0, 0.0)),
+    "a caster above the lamp": (False, [GROUND, plane(0.5, 3.0)], (0.5, 2.0, 0.0)),
+    "a caster below the receiver": (False, [GROUND, LOW], (0.5, 2.0, 0.0)),
+    "a lamp below the floor, and a receiver above": (True, [GROUND, HOVERING], (0.5, -2.0, 0.0)),
+    "a caster out of view, its shadow in view": (True, [GROUND, plane(0.0, 10.0, 5.0)], (0.0, 20.0, 10.0)),
+    "a caster out of view, its shadow too": (False, [GROUND, plane(0.0, 1.0, 30.0)], (0.0, 20.0, 10.0)),
+    "a box around the lamp": (True, [GROUND, parts.at(shapes.box(), 0.0, 1.5, 0.0, FLOOR)], (0.0, 1.5, 0.0)),
+    "nothing at all": (False, [], (0.5, 2.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("case", LAMPS)
+@pytest.mark.parametrize("kind", ["point", "spot"])
+def test_a_lamp_s_shadow_is_planned_where_something_can_stand_in_its_light(case, kind):
+    on, meshes, place = LAMPS[case]
+    light = (place, 1.0) if kind == "point" else (place, DOWN, 1.0)
+    scene = dataclasses.replace(small.scene(**{kind: [light]}), mesh=shapes.merge(meshes))
+    plan, reasons = plan_for(scene, CAMERA, **SIZE)
+    assert reasons["shadow_map"].on is on, reasons["shadow_map"].why
+    if on:
+        rows = {name: getattr(plan.shadow_map, name) for name in LIGHT_KINDS}
+        assert rows == {**dict.fromkeys(LIGHT_KINDS, ()), kind: (0,)}
+
+
+def test_maps_are_as_fine_as_pixels_are():
+    """Twice the pixels ask for twice the texels, a point light's six sides for half of a map each; from afar, for few;
+    and where one map of the scene would have to be too fine, cascades share what is in view.
+    """
+    sun = meshed(GROUND, HOVERING)
+    lamp = dataclasses.replace(small.scene(point=[((0.5, 2.0, 0.0), 1.0)]), mesh=sun.mesh)
+    far, vast = small.camera(eye=(10.0, 20.0, 40.0)), plane(size=4000.0)
+
+    def planned(scene, size, camera=CAMERA):
+        return plan_for(scene, camera, width=size, height=size)[0].shadow_map
+
+    assert [planned(sun, size).resolution for size in (24, 240, 480, 1600)] == [256, 512, 1024, 2048]
+    assert planned(sun, 480, far).resolution == 256
+    assert [planned(lamp, size).resolution for size in (24, 240, 960)] == [256, 1024, 2048]
+    assert planned(sun, 480).cascades == 0
+    wide = planned(meshed(GROUND, HOVERING, vast), 480)
+    assert (wide.cascades, wide.resolution) == (4, 1024)
+
+
 def test_too_many_faces_to_prove_are_presumed_to_shadow(monkeypatch):
     halves = meshed(*(plane(x, size=1.0) for x in (-1.5, -0.5, 0.5, 1.5)))
     assert not needs(halves)["shadow_map"].on
-    monkeypatch.setattr(occluders, "MAX_PAIRS", 8)
+    monkeypatch.setattr(shadow, "MAX_PAIRS", 8)
     plan, reasons = plan_for(halves, CAMERA, **SIZE)
     assert plan.shadow_map is not None and "too many faces to prove" in reasons["shadow_map"].why
 
 
-def test_the_strongest_shining_light_has_the_shadow():
-    for strengths, chosen in (((1.0, 2.0), 1), ((2.0, 1.0), 0), ((0.0, 1.0), 1)):
+def test_every_light_that_shines_on_something_shadowed_has_a_map():
+    for strengths, chosen in (((1.0, 2.0), (0, 1)), ((2.0, 0.0), (0,)), ((0.0, 1.0), (1,))):
         scene = small.scene(directional=[(SLANTED, strength) for strength in strengths])
         plan, reasons = plan_for(scene, CAMERA, **SIZE)
-        assert plan.shadow_map.light == chosen
-        assert f"between light {chosen}" in reasons["shadow_map"].why
-        assert ("cast none" in reasons["shadow_map"].why) == (min(strengths) > 0)
+        assert plan.shadow_map.directional == chosen
+        assert ", ".join(f"directional light {row}" for row in chosen) in reasons["shadow_map"].why
+    # Light from above, and from below through a plane out of view.
+    scene = meshed(GROUND, LOW, directional=[(DOWN, 1.0), ((0, 1, 0), 1.0)])
+    assert plan_for(scene, CAMERA, **SIZE)[0].shadow_map.directional == (1,)
 
 
 def test_a_shadow_s_filter_reaches_no_farther_than_planned():
@@ -417,7 +473,7 @@ def test_a_batch_gets_the_union():
     dark, sun = small.scene(), small.scene(directional=[(DOWN, 1.0), (DOWN, 3.0)])
     batch = dataclasses.replace(dark, lights=stack(dark.lights, sun.lights))
     plan, reasons = plan_for(batch, CAMERA, **SIZE)
-    assert plan.light_kinds == ("directional",) and plan.shadow_map.light == 1
+    assert plan.light_kinds == ("directional",) and plan.shadow_map.directional == (0, 1)
     assert reasons["light directional"].why == "2 in the scene"
 
     glowing = small.scene(white("emissive"))
@@ -448,7 +504,8 @@ def test_the_reasons_in_words():
         "on   light directional           2 in the scene",
         "off  light point                 2 in the scene, all black",
         "off  light spot                  2 in the scene, all black",
-        "on   shadow_map                  something stands between light 0 and a surface in view",
+        "on   shadow_map                  something stands between a surface in view and directional light 0; "
+        "256 texels, as most pixels ask for",
         "off  emission                    as asked for",
         "on   ambient                     the environment has light",
         "on   background                  the environment has light",
@@ -471,10 +528,9 @@ def test_every_effect_of_a_built_in_scene_has_a_reason(name):
 
 
 def full(scene: Scene) -> Plan:
-    """Everything on; the shadow is that of the light that the planner would choose."""
-    strongest = int(np.argmax(np.abs(scene.lights.directional.irradiance).sum(axis=-1)))
+    """Everything on, and a map of every light."""
     layers = None if scene.materials.alpha_mode is None else Layers()
-    return Plan(**SIZE, shadow_map=ShadowMap(light=strongest), layers=layers)
+    return Plan(**SIZE, shadow_map=ShadowMap(resolution=256), layers=layers)
 
 
 EVERY = {f"{slot}_texture": NORMAL_TEXTURE if slot == "normal" else COLOUR_TEXTURE for slot in TEXTURE_SLOTS}
@@ -547,6 +603,9 @@ def build(values: dict):
 
 
 def assert_same_picture(scene, camera, plan):
+    # Maps of one size compile once; those that the planner would make finer reach less far.
+    if plan.shadow_map is not None:
+        plan = dataclasses.replace(plan, shadow_map=dataclasses.replace(plan.shadow_map, resolution=256, cascades=0))
     seen, expected = small.render(scene, camera, plan), small.render(scene, camera, full(scene))
     np.testing.assert_array_equal(seen.visibility.face, expected.visibility.face)
     np.testing.assert_allclose(seen.hdr, expected.hdr, rtol=1e-6, atol=1e-6)

@@ -6,18 +6,33 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import small
 from hand_made import surface
 
 from jaxraster.geometry.shapes import merge
 from jaxraster.light import shadow_map as file
-from jaxraster.light.shadow_map import MARGIN, ShadowMap
+from jaxraster.light.shadow_map import ShadowMap
 from jaxraster.math.transform import frame
 from jaxraster.scene import Directional, Mesh
+from jaxraster.stack import stack_lights
 
 # One shape for all: meshes are padded with faces without area, and there are always so many receivers.
 VERTICES, FACES, SIDE = 48, 20, 64
 SETTINGS = {size: ShadowMap(resolution=size) for size in (32, 64, 128)}
-shadow_map = jax.jit(file.shadow_map)
+MARGIN = SETTINGS[64].margin
+CAMERA = small.camera()
+
+
+def shares(here, mesh, sun: Directional, settings) -> jax.Array:
+    """The share of each directional light at each place."""
+    lights = replace(stack_lights(), directional=sun)
+    share = file.shadow_map(here, mesh, lights, CAMERA, settings)
+    return share["directional"] if share else jnp.ones((len(sun.direction), *here.alpha.shape))
+
+
+@jax.jit
+def shadow_map(here, mesh, sun, settings):
+    return shares(here, mesh, sun, settings)[0]
 
 
 def padded(vertices, faces) -> Mesh:
@@ -104,10 +119,10 @@ def test_nothing_shadows_a_plane_of_itself(tilt, scale):
 
 
 def test_less_bias_than_the_plane_needs_shows():
-    """The default slope bias is no larger than it must be: with half of it a steep plane shadows itself."""
+    """The receiver's plane must be followed in full: with half of it a steep plane shadows itself."""
     turn = tilted(75, 0.3)
     here, mesh, light = surface(FLOOR @ turn.T, turn @ UP), quads(level(4.0) @ turn.T), sun((0, -1, 0))
-    bare = replace(SETTINGS[64], constant_bias=0.0, slope_bias=0.5)
+    bare = replace(SETTINGS[64], constant_bias=0.0, slope_bias=0.0, receiver_plane=0.5)
     assert shadow_map(here, mesh, light, bare).min() < 1
 
 
@@ -211,7 +226,7 @@ def test_a_cubes_shadow_starts_at_its_foot(direction, size):
     assert (lit(places, UP, quads(level(4.0), *cube(0.5)), direction, size) < 0.5).all()
 
 
-@pytest.mark.parametrize(("slope", "most"), [(1.0, 2.5), (0.3, 5.65)])
+@pytest.mark.parametrize(("slope", "most"), [(1.0, 0.5), (0.3, 0.26)])
 @pytest.mark.parametrize("size", [64, 128])
 def test_light_at_the_foot_of_a_thin_wall(slope, most, size):
     """As far as the docstring says, in texels: where the wall rises above the floor by less than the bias."""
@@ -223,7 +238,7 @@ def test_light_at_the_foot_of_a_thin_wall(slope, most, size):
     texel = fitted(mesh, direction, size)[1].max()
     gap = places[share < 0.5][0, 0] / texel
     print(f"{gap:.2f} texels of light at the foot")
-    assert 0.95 * most < gap < most
+    assert 0.9 * most < gap < most
 
 
 # -- Invariances -------------------------------------------------------------------------------------------------------
@@ -272,18 +287,18 @@ def test_the_other_side_of_a_face_throws_the_same_shadow(usual):
     np.testing.assert_array_equal(lit(FLOOR, UP, replace(mesh, faces=mesh.faces[:, ::-1]), LIGHT), usual)
 
 
-def test_the_number_of_the_light_counts(monkeypatch):
-    """The second of two lights draws the map that it would draw alone."""
-    drawn = []
-    monkeypatch.setattr(file, "rasterize_depth", lambda clip, *_, **size: drawn.append(clip) or jnp.zeros((64, 64)))
-
-    @jax.jit
-    def positions(lights, settings):
-        file.shadow_map(surface(FLOOR[:4], UP), quads(*SCENE), lights, settings)
-        return drawn.pop()
-
-    second = positions(sun((1, -2, 0), LIGHT), replace(SETTINGS[64], light=1))
-    np.testing.assert_array_equal(second, positions(sun(LIGHT), SETTINGS[64]))
+def test_the_number_of_the_light_counts():
+    """The second of two lights has the share that it would have alone, and so have both; others have none."""
+    here, mesh = surface(FLOOR, UP), quads(*SCENE)
+    alone = [shares(here, mesh, sun(light), SETTINGS[64])[0] for light in ((1, -2, 0), LIGHT)]
+    assert (alone[0] != alone[1]).any()
+    two = sun((1, -2, 0), LIGHT)
+    for rows in (None, (0, 1), (1,), (1, 0)):
+        found = shares(here, mesh, two, replace(SETTINGS[64], directional=rows))
+        expected = [alone[row] if rows is None or row in rows else jnp.ones_like(alone[0]) for row in (0, 1)]
+        np.testing.assert_array_equal(found, jnp.stack(expected))
+    with pytest.raises(ValueError, match=r"^ShadowMap\.directional names light 2, but the scene has 2 of that kind"):
+        shares(here, mesh, two, replace(SETTINGS[64], directional=(0, 2)))
 
 
 # -- Ugly meshes -------------------------------------------------------------------------------------------------------
@@ -311,12 +326,12 @@ def test_a_mesh_that_is_a_point_or_nowhere_throws_no_shadow(value):
 
 
 def test_an_empty_mesh_throws_no_shadow():
-    assert (file.shadow_map(surface(FLOOR[:8], UP), merge([]), sun(LIGHT), SETTINGS[64]) == 1).all()
+    assert (shares(surface(FLOOR[:8], UP), merge([]), sun(LIGHT), SETTINGS[64]) == 1).all()
 
 
 def test_the_gradient_is_zero_on_purpose():
     def total(here, mesh, light, settings):
-        return jnp.sum(file.shadow_map(here, mesh, light, settings))
+        return jnp.sum(shares(here, mesh, light, settings))
 
     arguments = surface(FLOOR, UP), quads(*SCENE), sun(LIGHT), SETTINGS[64]
     slopes = jax.jit(jax.grad(total, (0, 1, 2, 3), allow_int=True))(*arguments)
