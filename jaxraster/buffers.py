@@ -38,13 +38,23 @@ class Visibility:
 
 
 @record
+class Coat:
+    """A clear coat at each pixel: its `weight` in [0, 1], microfacet width, and normal, without the bumps below it."""
+
+    weight: Float[Array, "*b"]
+    alpha: Float[Array, "*b"]
+    normal: Float[Array, "*b 3"]
+
+
+@record
 class Surface:
     """What shading needs at each pixel, in world space; where `mask` is false the values are finite and unused.
 
     `normal` and `geometric_normal` are unit and face the viewer, `view` is unit towards it. `f0` and `f90` are what is
     mirrored head on and at grazing angles, `alpha` is the microfacet width, roughness². `occlusion` in [0, 1] applies
     to ambient light alone. `uv` may be whole periods away from the mesh's, where its textures repeat. `opacity` in
-    [0, 1] is the share of the light from behind that is kept away; None where all is drawn opaque.
+    [0, 1] is the share of the light from behind that is kept away; None where all is drawn opaque. `coat` and
+    `sheen`, linear RGB and alpha, are None where no material has them.
     """
 
     mask: Bool[Array, "*b"]
@@ -60,6 +70,8 @@ class Surface:
     emissive: Float[Array, "*b 3"]
     occlusion: Float[Array, "*b"]
     opacity: Float[Array, "*b"] | None = None
+    coat: Coat | None = None
+    sheen: Float[Array, "*b 4"] | None = None
 
 
 @record

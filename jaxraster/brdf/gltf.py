@@ -14,10 +14,11 @@ from jaxtyping import Array, Float
 
 from ..buffers import Surface
 from .diffuse import lambert
+from .over import over
 from .specular import specular
 
 
 def gltf(surface: Surface, l: Float[Array, "*b 3"]) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
     """Diffuse and specular reflectance times n·l, per unit irradiance at normal incidence."""
     mirrored, fresnel, _, n_dot_l = specular(surface, l)
-    return lambert(surface.diffuse_color) * (1.0 - fresnel) * n_dot_l[..., None], mirrored
+    return over(surface, l, lambert(surface.diffuse_color) * (1.0 - fresnel) * n_dot_l[..., None], mirrored)

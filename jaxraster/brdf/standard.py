@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from ..buffers import Surface
 from .compensation import compensated_albedo, compensation, mean_compensated_albedo
 from .diffuse import lambert
+from .over import over
 from .specular import specular
 
 # What mirrors all but so little has no diffuse: its share would be a rounding over another, of either sign.
@@ -33,4 +34,4 @@ def standard(surface: Surface, l: Float[Array, "*b 3"]) -> tuple[Float[Array, "*
     some = left > MIN_LEFT
     share = jnp.where(some, left_v * left_l / jnp.where(some, left, 1.0), 0.0)
     diffuse = lambert(surface.diffuse_color) * share * n_dot_l[..., None]
-    return diffuse, mirrored * compensation(f0, n_dot_v, alpha)
+    return over(surface, l, diffuse, mirrored * compensation(f0, n_dot_v, alpha))

@@ -60,9 +60,6 @@ def _read_extensions(material: Json, reading: Reading) -> dict:
     color = _clamped(at["specular"], "specularColorFactor", (1.0, 1.0, 1.0), LARGEST, reading)
     coat = _clamped_number(at["clearcoat"], "clearcoatFactor", 0.0, reading)
     sheen = _clamped(at["sheen"], "sheenColorFactor", (0.0, 0.0, 0.0), 1.0, reading)
-    for name, seen in (("clearcoat", coat), ("sheen", any(sheen))):
-        if seen:
-            reading.ignore(f"{name} is not drawn", material.where)
     return {
         "ior": _read_ior(at["ior"]),
         "specular": (*color, weight),

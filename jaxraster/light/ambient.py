@@ -14,7 +14,9 @@ Source: hemisphere lighting as in Baker & Boyd 2001; the blend between its two e
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..brdf.clearcoat import clearcoat_share
 from ..brdf.compensation import compensated_albedo
+from ..brdf.sheen import sheen_albedo
 from ..buffers import Surface
 from ..math import safe
 from ..record import Scalar, record
@@ -54,4 +56,16 @@ def ambient(
     albedo = compensated_albedo(surface.f0, n_dot_v, surface.alpha, surface.f90)
     gain = (settings.gain * surface.occlusion)[..., None]
     diffuse = surface.diffuse_color * (1.0 - albedo) * tones(environment, n, jnp.ones_like(n_dot_v))
-    return gain * diffuse, gain * albedo * tones(environment, mirror, surface.alpha)
+    specular = albedo * tones(environment, mirror, surface.alpha)
+    if surface.sheen is not None:
+        color, share = surface.sheen[..., :3], sheen_albedo(jnp.clip(n_dot_v, 0.0, 1.0), surface.sheen[..., 3])
+        under = 1.0 - (jnp.max(color, axis=-1) * share)[..., None]
+        glow = color * share[..., None] * tones(environment, n, jnp.ones_like(n_dot_v))
+        diffuse, specular = under * diffuse, under * specular + glow
+    if surface.coat is not None:
+        n_dot_v = safe.dot(surface.coat.normal, v)
+        share = clearcoat_share(n_dot_v, surface.coat.weight)[..., None]
+        mirror = 2.0 * n_dot_v[..., None] * surface.coat.normal - v
+        mirrored = share * tones(environment, mirror, surface.coat.alpha)
+        diffuse, specular = (1.0 - share) * diffuse, (1.0 - share) * specular + mirrored
+    return gain * diffuse, gain * specular

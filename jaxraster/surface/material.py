@@ -7,15 +7,17 @@ Linear Rec.709.
 
 Gradient: exact in factors and texels, halved where a specular colour reaches 1; roughness below 0.045 is raised to it
 and has none.
-Source: glTF 2.0 specification, appendix B; KHR_materials_ior, _specular, _unlit and KHR_texture_transform.
+Source: glTF 2.0 specification, appendix B; KHR_materials_ior, _specular, _unlit, _clearcoat, _sheen and
+KHR_texture_transform.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..buffers import Surface
+from ..buffers import Coat, Surface
 from ..math import safe
 from ..math.table import fetch
 from ..scene import Materials, Textures
@@ -91,6 +93,15 @@ def material(
         mapped = normal_map(fetched["normal"][..., :3], factor("normal_scale"), normal, fragment.tangent)
         normal = jnp.where((factor("normal_texture") >= 0)[..., None], mapped, normal)
 
+    # A coat is smooth over the bumps of what it covers.
+    clearcoat, coat, sheen = factor("clearcoat"), None, factor("sheen")
+    if clearcoat is not None:
+        rough = jnp.maximum(clearcoat[..., 1], MIN_ROUGHNESS)
+        smooth = face_viewer(fragment.normal, fragment.view)
+        coat = Coat(weight=clearcoat[..., 0], alpha=rough * rough, normal=smooth)
+    if sheen is not None:
+        sheen = jnp.concatenate([sheen[..., :3], sheen[..., 3:] ** 2], axis=-1)
+
     normal = face_viewer(normal, fragment.view)
     diffuse_color, f0, alpha, f90 = metallic_roughness(base, metallic, roughness, factor("ior"), factor("specular"))
     if materials.unlit is not None:
@@ -98,6 +109,8 @@ def material(
         emissive = jnp.where(unlit[..., None], base, emissive)
         diffuse_color, f0 = (jnp.where(unlit[..., None], 0.0, each) for each in (diffuse_color, f0))
         f90 = jnp.where(unlit, 0.0, f90)
+        sheen = None if sheen is None else jnp.where(unlit[..., None], 0.0, sheen)
+        coat = None if coat is None else replace(coat, weight=jnp.where(unlit, 0.0, coat.weight))
     return Surface(
         mask=fragment.mask,
         position=fragment.position,
@@ -112,4 +125,6 @@ def material(
         emissive=emissive,
         occlusion=occlusion,
         opacity=blended_opacity(fragment, materials, fetched) if layered else None,
+        coat=coat,
+        sheen=sheen,
     )

@@ -127,7 +127,7 @@ def test_every_array_is_32_bit_and_on_the_device(tmp_path):
 
 
 def test_one_warning_for_each_loss_at_the_callers_line(tmp_path):
-    materials = [{"extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 0.5}}}]
+    materials = [{"extensions": {"KHR_materials_specular": {"specularTexture": {"index": 0}}}}]
     path = model(tmp_path, extensionsUsed=["EXT_a"], animations=[{}], materials=materials)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -135,7 +135,7 @@ def test_one_warning_for_each_loss_at_the_callers_line(tmp_path):
     assert [str(w.message) for w in caught] == [
         f"{path}: extensions are ignored: EXT_a",
         f"{path}: animations are ignored",
-        f"{path}: clearcoat is not drawn: /materials/0",
+        f"{path}: specularTexture is ignored: /materials/0/extensions/KHR_materials_specular",
     ]
     assert {w.category for w in caught} == {AssetWarning}
     assert not any("jaxraster/io" in w.filename for w in caught)
