@@ -54,8 +54,8 @@ def scenes(helmet: pathlib.Path | None) -> dict:
 def measure(scene: jr.Scene, camera: jr.Camera, size: int, runs: int) -> tuple[dict[str, float], float]:
     """Milliseconds of each, and the share of pixels that differ."""
     plan = jr.Plan(
-        width=size, height=size, texture_slots=(), light_kinds=("directional",), cull=False, shadow_map=jr.ShadowMap(),
-        ambient=None, emission=None, background=None,
+        width=size, height=size, shading="gltf", texture_slots=(), light_kinds=("directional",), cull=False,
+        shadow_map=jr.ShadowMap(), ambient=None, emission=None, background=None,
     )  # fmt: skip
     draw = jax.jit(lambda scene, camera, plan: jr.render(scene, camera, plan).hdr).lower(scene, camera, plan).compile()
     peer = MesaShaded(scene, camera, size)

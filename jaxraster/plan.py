@@ -18,7 +18,7 @@ from .record import Scalar, record, static
 from .scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene, check_scene
 from .visibility.layers import Layers
 
-SHADINGS = ("standard", "local")
+SHADINGS = ("standard", "gltf", "local")
 EFFECTS = {
     "layers": Layers,
     "shadow_map": ShadowMap,
@@ -33,8 +33,9 @@ EFFECTS = {
 class Plan:
     """How a scene is drawn.
 
-    `supersample` takes its square of samples per pixel. `shading` is "standard" (microfacets) or "local" (Blinn–Phong
-    and no visibility of lights: no shadow). `light_kinds` and `texture_slots` name what is evaluated and fetched;
+    `supersample` takes its square of samples per pixel. `shading` is "standard" (microfacets and all bounces
+    between them), "gltf" (the specification's plain formula, as other viewers show it) or "local" (Blinn–Phong and no
+    visibility of lights: no shadow). `light_kinds` and `texture_slots` name what is evaluated and fetched;
     `cull` drops the back faces of materials that are not double-sided. `layers` cuts out masked materials and lets
     what is behind blended ones show through; None draws both opaque. `exposure` in EV, each doubling the light.
     """

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from .brdf.blinn_phong import blinn_phong
+from .brdf.gltf import gltf
 from .brdf.standard import standard
 from .buffers import Frame, Radiance
 from .display.dither import dither
@@ -29,7 +30,7 @@ from .visibility.layers import layers
 from .visibility.project import project
 from .visibility.raster import rasterize
 
-BRDFS = {"standard": standard, "local": blinn_phong}
+BRDFS = {"standard": standard, "gltf": gltf, "local": blinn_phong}
 
 
 def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:

@@ -37,7 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--camera", type=whole(0), metavar="N", help="which of the file's cameras (default: 0)")
     option("--exposure", type=finite, default=0.0, metavar="EV", help="stops, +1 is twice as bright (default: 0)")
     option("--tonemap", default="pbr_neutral", metavar="NAME", help="the tone map (default: %(default)s)")
-    option("--shading", default="standard", metavar="NAME", help="standard (default), or local: lights alone")
+    option(
+        "--shading",
+        default="standard",
+        metavar="NAME",
+        help="standard (default), gltf: as other viewers, or local: lights alone",
+    )
     option(
         "--light-direction",
         type=direction,

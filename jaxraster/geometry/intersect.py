@@ -113,6 +113,8 @@ def turned(point, axis):
 def strike(corners, origin, shear, per_z) -> tuple[Bool[Array, "*b"], Float32[Array, "*b"]]:
     """Whether the line meets the triangle, and at which t; both sides count.
 
+    Of a line in the triangle's own plane, all three edge functions are rounding: it may count as met from beside.
+
     `corners` are nine arrays, those of `canonical` and the origin's three being in the order of `AXES` for the
     direction's main axis; `shear` is (d_x, d_y) / d_z and `per_z` 1 / d_z.
     """

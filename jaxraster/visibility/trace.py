@@ -2,7 +2,8 @@
 
 Few triangles are all tested against every ray (`trace_dense`); a tree is walked by streams of rays (`trace_tree`), or
 handed to Embree (`trace_embree`). All loops are of dynamic length over chunks of fixed size, and batches run one after
-the other. Against few triangles, results do not depend on what is traced together. Neighbours should stand near each
+the other. Against few triangles, results do not depend on what is traced together, but for triangles seen exactly
+edge-on, which rounding may accept from beside. Neighbours should stand near each
 other in the arrays: rays of a picture in its order, shadow rays in that of their places.
 
 Gradient: none, on purpose: `stop_gradient` stands in `_hits`. What has one is recomputed from the face, by
@@ -67,7 +68,9 @@ def _search(origin, direction, t_min, t_max, tree, any_hit, backend):
         # Of a ray that cannot hit, leave no number that is none.
         origin, direction = (jnp.where(usable[:, None], v, 1.0) for v in (origin, direction))
         t_min, t_max = jnp.where(usable, t_min, 0.0), jnp.where(usable, t_max, -1.0)
-        return *trace_embree(tree.corners, origin, direction, t_min, t_max, any_hit), jnp.int32(0)
+        face, t = trace_embree(tree.corners, origin, direction, t_min, t_max, any_hit)
+        # Of those, embreex calls some occluded.
+        return jnp.where(usable, face, -1), t, jnp.int32(0)
 
     # Order rays by the axis that they mostly follow, and leave out those that can hit nothing.
     axis = jnp.where(usable, main_axis([direction[:, k] for k in range(3)]), -1)

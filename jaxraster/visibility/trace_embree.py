@@ -66,6 +66,7 @@ def _search(any_hit, _, out, *inputs):
             origin = origin + t_min[:, None] * direction
         reach = np.minimum(t_max - t_min, FAR)
         if any_hit:
+            # Nobody asks how far away it is.
             face[part] = scene.embree.run(origin, direction, reach, query="OCCLUDED")
             return
         hits = scene.embree.run(origin, direction, reach, output=True)

@@ -91,8 +91,8 @@ def _children(code, refs):
     return jnp.concatenate(ranks)
 
 
-def _trace(nodes, leaves, rays, count, any_hit):
-    """Hits of the first `count` rays, and the number of steps."""
+def _trace(nodes, leaves, rays, first, count, any_hit):
+    """Hits of the rays from `first` to `count`, and the number of steps."""
     num, always = len(rays[0]), count >= 0
     taken = min(PAIRS, FEW * num)
     reserve = (WIDE - 1) * DEEPEST  # what a single pair and all that comes of it can add
@@ -155,8 +155,8 @@ def _trace(nodes, leaves, rays, count, any_hit):
         return lax.while_loop(lambda s: (s[2] >= taken) | ((s[1] == 0) & (s[2] > 0)), strike_leaves, state)
 
     zero = count * 0
-    ray = jnp.pad(jnp.arange(num, dtype=jnp.int32), (0, end + WIDE * taken - num)) + zero
-    state = pair(ray, ray * 0), jnp.minimum(count, num), zero, pair(rays[7], zero - 1), zero
+    ray = first + jnp.pad(jnp.arange(num, dtype=jnp.int32), (0, end + WIDE * taken - num))
+    state = pair(ray, ray * 0), jnp.minimum(count, num) - first, zero, pair(rays[7], zero - 1), zero
     *_, best, steps = lax.while_loop(lambda s: (s[1] > 0) | (s[2] > 0), turn, state)
     return best, steps
 
@@ -176,13 +176,15 @@ def trace_tree(
     chunk = min(RAYS, num)
     # Most of a row are coordinates: as bits they would be converted at each reader.
     nodes, leaves = (lax.bitcast_convert_type(rows, jnp.float32) for rows in (nodes, leaves))
+    lane = jnp.arange(chunk, dtype=jnp.int32)
 
     def trace_chunk(state):
         start, hits, steps = state
         # The last chunk begins earlier, so that it ends with the rays.
         place = jnp.minimum(start, num - chunk)
         block = tuple(lax.dynamic_slice_in_dim(column, place, chunk) for column in rays)
-        best, more = _trace(nodes, leaves, block, count - place, any_hit)
+        best, more = _trace(nodes, leaves, block, start - place, count - place, any_hit)
+        best = jnp.where(lane < start - place, lax.dynamic_slice_in_dim(hits, place, chunk), best)
         return start + chunk, lax.dynamic_update_slice_in_dim(hits, best, place, 0), steps + more
 
     zero = count * 0

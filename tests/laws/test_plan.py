@@ -298,7 +298,7 @@ def test_shapes_do_not_depend_on_what_a_scene_lacks(missing, shadow_map):
         ("width", -3, r"Plan\.width must be .*, got -3"),
         ("height", True, r"Plan\.height must be .*, got True"),
         ("supersample", 0, r"Plan\.supersample must be .*, got 0"),
-        ("shading", "toon", r"Plan\.shading must be one of standard, local, got 'toon'"),
+        ("shading", "toon", r"Plan\.shading must be one of standard, gltf, local, got 'toon'"),
         ("tonemap", "filmic", r"Plan\.tonemap must be one of .*pbr_neutral.*, got 'filmic'"),
         ("texture_slots", ("base", "normal"), r"Plan\.texture_slots may hold base_color, .*, got base$"),
         ("light_kinds", ("sun", "area"), r"Plan\.light_kinds may hold directional, .*, got area, sun"),

@@ -442,7 +442,7 @@ def test_what_is_asked_for_is_taken_as_it_is():
     [
         ({"width": 0}, r"Plan\.width must be a whole number of at least 1, got 0"),
         ({"height": -3}, r"Plan\.height must be"),
-        ({"shading": "toon"}, r"Plan\.shading must be one of standard, local, got 'toon'"),
+        ({"shading": "toon"}, r"Plan\.shading must be one of standard, gltf, local, got 'toon'"),
         ({"shading": "local", "shadow_map": ShadowMap()}, r"Plan\.shadow_map must be None"),
     ],
 )

@@ -278,7 +278,7 @@ def bundle(rng, width, size):
 
 @pytest.mark.parametrize(("width", "size", "most"), [(1.0, 1.0, 1.0), (0.1, 0.3, 0.2), (0.0, 0.01, 0.05)])
 def test_triangles_are_left_out_only_where_no_ray_meets_them(width, size, most):
-    """Of narrow bundles most are; rays through corners, where rounding decides, are in the wide ones."""
+    """Of narrow bundles most are; among the wide ones are rays through corners."""
     left = []
     for seed in range(40):
         corners, origin, direction = bundle(np.random.default_rng(seed), width, size)
@@ -355,6 +355,28 @@ def test_batches_equal_one_by_one(tree):
     np.testing.assert_array_equal(scaled.face[0], alone[0].face)
     np.testing.assert_array_equal(scaled.face[1], alone[0].face)
     np.testing.assert_array_equal(scaled.t[1], 2.0 * alone[0].t)
+
+
+@pytest.mark.parametrize("few", [False, True], ids=["tree", "dense"])
+@pytest.mark.parametrize("count", [64, 65, 128, 130])
+def test_the_last_chunk_begins_earlier_and_changes_nothing(monkeypatch, count, few):
+    """Of rays in chunks of 64, some of which are none, each has the hit that it has alone, and costs no more steps."""
+    rng = np.random.default_rng(count)
+    vertices, faces = soup(100 if few else 300, rng)
+    origin, direction = at_soup(vertices, faces, rng, count)
+    direction[rng.uniform(size=count) < 0.3] = 0.0
+    tree, rays = build(vertices, faces), rays_of(origin, direction)
+    expected = trace(rays, tree)
+    monkeypatch.setattr(trace_tree, "RAYS", 64)
+    monkeypatch.setattr(trace_dense, "CHUNK", 64)
+    module._core.cache_clear()
+    try:
+        hits, any_hits = trace(rays, tree), occluded(rays, tree)
+    finally:
+        module._core.cache_clear()
+    np.testing.assert_array_equal(hits.face, expected.face)
+    np.testing.assert_array_equal(hits.t, expected.t)
+    np.testing.assert_array_equal(any_hits, expected.face >= 0)
 
 
 def test_a_second_call_does_not_compile():
@@ -435,6 +457,15 @@ def test_embree_finds_the_same():
     same = np.asarray(ours.face == theirs.face)
     np.testing.assert_allclose(np.asarray(theirs.t)[same], np.asarray(ours.t)[same], rtol=1e-4)
     np.testing.assert_array_equal(np.asarray(occluded(rays, tree, backend="embree")), np.asarray(theirs.face) >= 0)
+    nothing = dataclasses.replace(
+        rays,
+        origin=rays.origin.at[::4].set(jnp.nan),
+        direction=rays.direction.at[1::4].set(0.0),
+        t_min=jnp.where(jnp.arange(COUNT) % 4 == 2, rays.t_max, 0.0),
+    )
+    found = trace(nothing, tree, backend="embree")
+    assert np.all(np.asarray(found.face).reshape(-1, 4)[:, :3] == -1) and np.any(np.asarray(found.face) >= 0)
+    np.testing.assert_array_equal(occluded(nothing, tree, backend="embree"), found.face >= 0)
     batch = jax.tree.map(lambda v: v.reshape(2, -1, *v.shape[1:]), dataclasses.replace(rays, t_min=jnp.zeros(COUNT)))
     mapped = jax.vmap(lambda rays: trace(rays, tree, backend="embree").face)(batch)
     np.testing.assert_array_equal(mapped.reshape(-1), theirs.face)
