@@ -22,6 +22,7 @@ from .geometry.intersect import spawn as spawn
 from .io.load import load as load
 from .io.load import save as save
 from .light.ambient import Ambient as Ambient
+from .light.area import Area as Area
 from .light.background import Background as Background
 from .light.emission import Emission as Emission
 from .light.shadow_map import ShadowMap as ShadowMap
@@ -35,12 +36,15 @@ from .planner.needs import Reason as Reason
 from .planner.needs import plan_for as plan_for
 from .render import render as render
 from .scene import Directional as Directional
+from .scene import Disc as Disc
 from .scene import Environment as Environment
 from .scene import Lights as Lights
 from .scene import Materials as Materials
 from .scene import Mesh as Mesh
 from .scene import Point as Point
+from .scene import Rectangle as Rectangle
 from .scene import Scene as Scene
+from .scene import Sphere as Sphere
 from .scene import Spot as Spot
 from .scene import Textures as Textures
 from .scene import pack_textures as pack_textures

@@ -11,6 +11,7 @@ from .check import fit_knobs
 from .display.dither import Dither
 from .display.tonemap import TONEMAPS
 from .light.ambient import Ambient
+from .light.area import Area
 from .light.background import Background
 from .light.emission import Emission
 from .light.shadow_map import ShadowMap
@@ -22,6 +23,7 @@ SHADINGS = ("standard", "gltf", "local")
 EFFECTS = {
     "layers": Layers,
     "shadow_map": ShadowMap,
+    "area": Area,
     "ambient": Ambient,
     "emission": Emission,
     "background": Background,
@@ -49,6 +51,7 @@ class Plan:
     light_kinds: tuple = static(default=LIGHT_KINDS)
     layers: Layers | None = None
     shadow_map: ShadowMap | None = None
+    area: Area | None = None
     ambient: Ambient | None = Ambient()
     emission: Emission | None = Emission()
     background: Background | None = Background()
@@ -78,8 +81,9 @@ class Plan:
                 raise ValueError(f"Plan.{name} may hold {', '.join(known)}, got {', '.join(sorted(map(str, unknown)))}")
             if twice := {one for one in names if names.count(one) > 1}:
                 raise ValueError(f"Plan.{name} names {', '.join(sorted(twice))} twice, got {names}")
-        if self.shading == "local" and self.shadow_map is not None:
-            raise ValueError('Plan.shadow_map must be None where Plan.shading is "local", which has no visibility term')
+        for name in ("shadow_map", "area"):
+            if self.shading == "local" and getattr(self, name) is not None:
+                raise ValueError(f'Plan.{name} must be None where Plan.shading is "local", which knows lights alone')
 
 
 def as_arrays(scene: Scene, camera: Camera, plan: Plan) -> tuple[Scene, Camera]:

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 
 from .brdf.blinn_phong import blinn_phong
+from .brdf.compensation import compensated_albedo
+from .brdf.energy import directional_albedo
 from .brdf.gltf import gltf
 from .brdf.standard import standard
 from .buffers import Frame, Radiance
@@ -15,6 +17,7 @@ from .display.exposure import exposure
 from .display.tonemap import tonemap
 from .display.transfer import srgb_encode
 from .light.ambient import ambient
+from .light.area import area
 from .light.background import background
 from .light.emission import emission
 from .light.shadow_map import shadow_map
@@ -31,6 +34,7 @@ from .visibility.project import project
 from .visibility.raster import rasterize
 
 BRDFS = {"standard": standard, "gltf": gltf, "local": blinn_phong}
+ALBEDOS = {"standard": compensated_albedo, "gltf": directional_albedo}
 
 
 def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
@@ -70,11 +74,13 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     with jax.named_scope("direct"):
         direct = shadowed(surface, scene.lights, plan.light_kinds, BRDFS[plan.shading], shares)
     dark = jnp.zeros_like(surface.position)
+    brdf, albedo = BRDFS[plan.shading], ALBEDOS.get(plan.shading)
+    glow = effect(area, plan.area, surface, scene.lights, brdf, albedo, otherwise=(dark, dark))
     indirect = effect(ambient, plan.ambient, surface, scene.environment, otherwise=(dark, dark))
     emitted = effect(emission, plan.emission, surface, otherwise=dark)
     radiance = Radiance(
-        direct_diffuse=direct[0],
-        direct_specular=direct[1],
+        direct_diffuse=direct[0] + glow[0],
+        direct_specular=direct[1] + glow[1],
         indirect_diffuse=indirect[0],
         indirect_specular=indirect[1],
         emitted=emitted,

@@ -122,12 +122,53 @@ class Spot:
 
 
 @record
+class Sphere:
+    """A glowing ball: centre `position` and `radius` (m), the same `radiance` (cd/m²) from everywhere on it."""
+
+    position: Float[Array, "*b k 3"]
+    radius: Float[Array, "*b k"]
+    radiance: Float[Array, "*b k 3"]
+
+
+@record
+class Disc:
+    """A glowing disc: centre `position` and `radius` (m), `radiance` (cd/m²) to where its unit `direction` points.
+
+    Where `two_sided` it shines to both sides. An array, so that one light may and another not, as with materials.
+    """
+
+    position: Float[Array, "*b o 3"]
+    direction: Float[Array, "*b o 3"]
+    radius: Float[Array, "*b o"]
+    radiance: Float[Array, "*b o 3"]
+    two_sided: Bool[Array, " o"]
+
+
+@record
+class Rectangle:
+    """A glowing rectangle: its middle `position`, and `right` and `up` from there to the middle of a side (m).
+
+    Its `radiance` (cd/m²) goes where `right` × `up` points, or to both sides where `two_sided`. Where these are not
+    perpendicular it is a parallelogram.
+    """
+
+    position: Float[Array, "*b r 3"]
+    right: Float[Array, "*b r 3"]
+    up: Float[Array, "*b r 3"]
+    radiance: Float[Array, "*b r 3"]
+    two_sided: Bool[Array, " r"]
+
+
+@record
 class Lights:
-    """All lights of a scene by kind, each kind with a leading count that may be 0."""
+    """All lights of a scene by kind, each kind with a leading count that may be 0; None for no light with an area."""
 
     directional: Directional
     point: Point
     spot: Spot
+    sphere: Sphere | None = None
+    disc: Disc | None = None
+    rectangle: Rectangle | None = None
 
 
 @record
@@ -172,6 +213,7 @@ def check_scene(scene: Scene, camera: Camera, *, batched: bool = False) -> None:
 
 
 LIGHT_KINDS = ("directional", "point", "spot")
+AREA_KINDS = ("sphere", "disc", "rectangle")
 TEXTURE_SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emissive")
 REPEAT, CLAMP, MIRROR = 0, 1, 2
 NEAREST, LINEAR, FIRST = 0, 1, 2

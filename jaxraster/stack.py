@@ -9,7 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .scene import OPAQUE, TEXTURE_SLOTS, Directional, Lights, Materials, Point, Spot
+from .scene import OPAQUE, TEXTURE_SLOTS, Directional, Disc, Lights, Materials, Point, Rectangle, Sphere, Spot
 
 UNMAPPED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # uvs as they are
 COMMON = {
@@ -64,27 +64,72 @@ def stack_materials(rows: Sequence[Mapping[str, Any]]) -> Materials:
     return Materials(**columns)
 
 
-def stack_lights(directional: Sequence[tuple] = (), point: Sequence[tuple] = (), spot: Sequence[tuple] = ()) -> Lights:
-    """`Lights` of one tuple a light, its numbers in the order of the fields of `Directional`, `Point` and `Spot`.
+# The columns of each kind of light, in the order of its fields: how many numbers, and what they must be.
+_LIGHTS = {
+    "directional": (Directional, ("direction", "irradiance")),
+    "point": (Point, ("position", "intensity", "range")),
+    "spot": (Spot, ("position", "direction", "intensity", "range", "inner", "outer")),
+    "sphere": (Sphere, ("position", "radius", "radiance")),
+    "disc": (Disc, ("position", "direction", "radius", "radiance", "two_sided")),
+    "rectangle": (Rectangle, ("position", "right", "up", "radiance", "two_sided")),
+}
+_NUMBERS = {"range", "inner", "outer", "radius"}
 
-    Directions need not be unit.
+
+def _no_light(name: str, value: Any) -> str | None:
+    """What a column's value in one row should be and is not."""
+    if np.isnan(value).any() or (name != "range" and np.isinf(value).any()):
+        return "finite"
+    if name in ("range", "radius") and value < 0:
+        return "0 or more"
+    if name in ("inner", "outer") and not 0 <= value <= np.pi:
+        return "a half angle from 0 to π"
+    return "longer than 0" if name == "direction" and not value.any() else None
+
+
+def _stacked(kind: str, rows: Sequence[tuple]) -> Any:
+    """The record of one kind of light."""
+    make, names = _LIGHTS[kind]
+    columns = {}
+    for i, name in enumerate(names):
+        if name == "two_sided":
+            columns[name] = jnp.asarray(np.array([row[i] if len(row) > i else False for row in rows], np.bool_))
+            continue
+        column = np.array([row[i] for row in rows], np.float64).reshape(len(rows), *([] if name in _NUMBERS else [3]))
+        for row, value in enumerate(column):
+            if wanted := _no_light(name, value):
+                raise ValueError(f"stack_lights: {name} of {kind}[{row}] must be {wanted}, got {value.tolist()}")
+        if name == "direction":
+            column /= np.linalg.norm(column, axis=1, keepdims=True)
+        columns[name] = jnp.asarray(column.astype(np.float32))
+    for row, (inner, outer) in enumerate(zip(columns.get("inner", ()), columns.get("outer", ()))):
+        if inner > outer:
+            raise ValueError(f"stack_lights: inner of spot[{row}] must be at most outer, got {inner} and {outer}")
+    return make(**columns)
+
+
+def stack_lights(
+    directional: Sequence[tuple] = (),
+    point: Sequence[tuple] = (),
+    spot: Sequence[tuple] = (),
+    sphere: Sequence[tuple] = (),
+    disc: Sequence[tuple] = (),
+    rectangle: Sequence[tuple] = (),
+) -> Lights:
+    """`Lights` of one tuple a light, its numbers in the order of the fields of `Directional`, `Point` and so on.
+
+    Directions need not be unit; `two_sided` may be left out. Raises `ValueError` for numbers that make no light. A
+    negative strength takes light away.
 
     Example:
-        >>> stack_lights(directional=[((0, -2, 0), (3, 3, 3))]).directional.direction.tolist()
-        [[0.0, -1.0, 0.0]]
+        >>> lights = stack_lights(directional=[((0, -2, 0), (3, 3, 3))], sphere=[((0, 1, 0), 0.1, (50, 50, 50))])
+        >>> lights.directional.direction.tolist(), lights.sphere.radius.shape, lights.disc
+        ([[0.0, -1.0, 0.0]], (1,), None)
     """
-
-    def columns(kind, rows, **widths):
-        values = {}
-        for i, (name, width) in enumerate(widths.items()):
-            value = np.array([row[i] for row in rows], np.float64).reshape(-1, *([3] if width == 3 else []))
-            if name == "direction":
-                value = value / np.linalg.norm(value, axis=1, keepdims=True)
-            values[name] = jnp.asarray(value.astype(np.float32))
-        return kind(**values)
-
+    areas = {"sphere": sphere, "disc": disc, "rectangle": rectangle}
     return Lights(
-        directional=columns(Directional, directional, direction=3, irradiance=3),
-        point=columns(Point, point, position=3, intensity=3, range=1),
-        spot=columns(Spot, spot, position=3, direction=3, intensity=3, range=1, inner=1, outer=1),
+        directional=_stacked("directional", directional),
+        point=_stacked("point", point),
+        spot=_stacked("spot", spot),
+        **{kind: _stacked(kind, rows) for kind, rows in areas.items() if len(rows)},
     )

@@ -42,8 +42,9 @@ def point(surface: Surface, light: Point | Spot) -> Arriving:
     l = safe.normalize(away)
     square = safe.dot(away, away)
     square = jnp.where(square > MIN_SQUARE, square, 0.0)
-    # Divide twice: the derivative of 1/range² at infinity would be 0 · inf.
-    window = 1.0 - jnp.minimum(square / light.range / light.range, 1.0) ** 2
+    # Divide twice: the derivative of 1/range² at infinity would be 0 · inf. A range of 0 reaches nothing.
+    reach = jnp.broadcast_to(light.range, square.shape)
+    window = 1.0 - jnp.minimum(safe.divide(safe.divide(square, reach, 1.0), reach, 1.0), 1.0) ** 2
     falloff = safe.divide(window, square)[..., None]
     return l, falloff * jnp.broadcast_to(light.intensity, surface.position.shape)
 

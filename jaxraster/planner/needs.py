@@ -14,13 +14,14 @@ import jax
 import numpy as np
 
 from ..light.ambient import Ambient
+from ..light.area import Area
 from ..light.background import Background
 from ..light.emission import Emission
 from ..light.shadow_frame import NARROW, WIDE
 from ..light.shadow_map import ShadowMap
 from ..parameters import matches, parameters
 from ..plan import Plan
-from ..scene import BLEND, LIGHT_KINDS, MASK, OPAQUE, TEXTURE_SLOTS, Camera, Scene, check_scene
+from ..scene import AREA_KINDS, BLEND, LIGHT_KINDS, MASK, OPAQUE, TEXTURE_SLOTS, Camera, Scene, check_scene
 from ..surface.opacity import CUTOFF
 from ..visibility.layers import Layers
 from .shadow import Light, members, plan_shadows, views
@@ -71,6 +72,15 @@ class _Facts:
         name = STRENGTH[kind]
         values = getattr(getattr(self.scene.lights, kind), name)
         return (values != 0).any(axis=-1) | self.differentiated(f"lights.{kind}.{name}")
+
+    def area_kinds(self) -> tuple[str, ...]:
+        """The kinds of lights with an area that can shine."""
+        kinds = []
+        for kind in AREA_KINDS:
+            lights = getattr(self.scene.lights, kind)
+            if lights is not None and ((lights.radiance != 0).any() or self.differentiated(f"lights.{kind}.radiance")):
+                kinds.append(kind)
+        return tuple(kinds)
 
     def moves(self) -> bool:
         """Whether a surface, the camera or a light's place or direction is differentiated."""
@@ -194,6 +204,9 @@ def plan_for(
     shadow, reasons["shadow_map"] = _shadow(facts, {"height": height, "width": width}, asked.shading)
     unlit = facts.scene.materials.unlit
     emits = facts.material("emissive").any() or (unlit is not None and unlit[facts.used].any())
+    kinds = () if asked.shading == "local" else facts.area_kinds()
+    glowing = f"lights with an area: {', '.join(kinds)}" if kinds else "no light with an area shines"
+    reasons["area"] = Reason(bool(kinds), glowing)
     reasons["emission"] = Reason(bool(emits), f"{'a' if emits else 'no'} material in use emits light")
     reasons["ambient"] = Reason(lit, f"the environment {tones}")
     reasons["background"] = Reason(lit, f"the environment {tones}")
@@ -205,6 +218,7 @@ def plan_for(
         "light_kinds": tuple(kind for kind in LIGHT_KINDS if reasons[f"light {kind}"].on),
         "layers": seen_through,
         "shadow_map": shadow,
+        "area": Area(kinds=kinds) if kinds else None,
         "emission": Emission() if emits else None,
         "ambient": Ambient() if lit else None,
         "background": Background() if lit else None,

@@ -16,6 +16,7 @@ from small import COLOUR_TEXTURE, HEIGHT, NORMAL_TEXTURE, WIDTH
 from jaxraster.display.dither import Dither
 from jaxraster.display.tonemap import TONEMAPS
 from jaxraster.light.ambient import Ambient
+from jaxraster.light.area import Area
 from jaxraster.light.background import Background
 from jaxraster.light.emission import Emission
 from jaxraster.light.shadow_map import ShadowMap
@@ -23,6 +24,7 @@ from jaxraster.parameters import parameters
 from jaxraster.plan import Plan
 from jaxraster.render import render
 from jaxraster.scene import LIGHT_KINDS, TEXTURE_SLOTS
+from jaxraster.stack import stack_lights
 from jaxraster.visibility.layers import Layers
 
 CAMERA = small.camera()
@@ -39,10 +41,13 @@ SCENE = small.scene(
     sky=0.4,
     ground=0.2,
 )
+LAMP = stack_lights(rectangle=[((0.0, 2.5, 1.0), (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (3.0, 2.0, 1.0), True)]).rectangle
+GLOWING = dataclasses.replace(SCENE, lights=dataclasses.replace(SCENE.lights, rectangle=LAMP))
 WEIGHTS = np.random.default_rng(2).uniform(0.5, 1.5, (HEIGHT, WIDTH, 3)).astype(np.float32)
 EFFECTS = {
     "layers": Layers(blended=1),
     "shadow_map": ShadowMap(resolution=64),
+    "area": Area(kinds=("rectangle",)),
     "ambient": Ambient(),
     "emission": Emission(),
     "background": Background(),
@@ -144,7 +149,7 @@ def test_an_array_in_a_float_s_place_retraces_once_and_a_switch_once():
 
 def scopes(plan) -> set[str]:
     """Every part of every operation's path in the program that a plan makes."""
-    program = jax.jit(render).lower(SCENE, CAMERA, plan).as_text(debug_info=True)
+    program = jax.jit(render).lower(GLOWING, CAMERA, plan).as_text(debug_info=True)
     paths = re.findall(r'loc\("(jit\(render\)/[^"]*)"', program)
     assert len(paths) > 100
     return {part for path in paths for part in path.split("/")}
@@ -155,6 +160,19 @@ def test_an_effect_leaves_a_trace_only_where_it_is_on(name):
     """With one effect alone and with none, in the program that goes to the compiler."""
     assert scopes(BARE) & EFFECTS.keys() == set()
     assert scopes(dataclasses.replace(BARE, **{name: EFFECTS[name]})) & EFFECTS.keys() == {name}
+
+
+def test_lights_with_an_area_add_their_light():
+    """Where nothing else shines, it is all the light there is, and twice of it with twice the gain."""
+    plan = dataclasses.replace(BARE, light_kinds=(), area=EFFECTS["area"])
+    draw = jax.jit(lambda plan: render(GLOWING, CAMERA, plan).hdr)
+    lit = np.asarray(draw(plan))
+    assert (lit > 0).any(axis=-1).mean() > 0.5
+    np.testing.assert_allclose(
+        draw(dataclasses.replace(plan, area=Area(kinds=("rectangle",), gain=2.0))), 2 * lit, rtol=1e-6
+    )
+    with pytest.raises(ValueError, match=r'Plan\.area must be None where Plan\.shading is "local"'):
+        dataclasses.replace(BARE, shading="local", area=Area())
 
 
 def test_a_plan_can_be_differentiated():

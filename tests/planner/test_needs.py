@@ -21,6 +21,7 @@ from jaxraster.plan import Plan
 from jaxraster.planner import Reason, explain, plan_for, shadow
 from jaxraster.scene import BLEND, LIGHT_KINDS, MASK, TEXTURE_SLOTS, Scene
 from jaxraster.scenes import SCENES, parts
+from jaxraster.stack import stack_lights
 from jaxraster.visibility.layers import Layers
 
 DOWN = (0.0, -1.0, 0.0)
@@ -370,6 +371,20 @@ def test_what_is_differentiated_is_kept_though_it_is_zero(case):
     assert by_path == by_full_path
 
 
+def test_lights_with_an_area_are_drawn_where_they_shine():
+    def glowing(*radiances):
+        spheres = stack_lights(sphere=[((0.0, 2.0, 0.0), 0.1, (radiance,) * 3) for radiance in radiances]).sphere
+        scene = small.scene()
+        return dataclasses.replace(scene, lights=dataclasses.replace(scene.lights, sphere=spheres))
+
+    scene, dark = glowing(0.0, 1.0), glowing(0.0)
+    plan, reasons = plan_for(scene, CAMERA, **SIZE)
+    assert plan.area.kinds == ("sphere",) and reasons["area"] == Reason(True, "lights with an area: sphere")
+    assert plan_for(dark, CAMERA, **SIZE)[0].area is None
+    assert plan_for(dark, CAMERA, **SIZE, wrt="lights.sphere.radiance")[0].area.kinds == ("sphere",)
+    assert plan_for(scene, CAMERA, **SIZE, shading="local")[0].area is None
+
+
 @pytest.mark.parametrize("path", ["scene.materials.emissive", "scene.materials", "scene", "materials", "emissive"])
 def test_paths_may_begin_with_the_scene(path):
     assert needs(small.scene(), wrt=(path,))["emission"].on
@@ -506,6 +521,7 @@ def test_the_reasons_in_words():
         "off  light spot                  2 in the scene, all black",
         "on   shadow_map                  something stands between a surface in view and directional light 0; "
         "256 texels, as most pixels ask for",
+        "off  area                        no light with an area shines",
         "off  emission                    as asked for",
         "on   ambient                     the environment has light",
         "on   background                  the environment has light",
@@ -519,7 +535,7 @@ def test_every_effect_of_a_built_in_scene_has_a_reason(name):
     scene, camera = SCENES[name]()
     plan, reasons = plan_for(scene, camera, width=64, height=48)
     assert all(isinstance(reason, Reason) and reason.why and "\n" not in reason.why for reason in reasons.values())
-    for field in ("layers", "shadow_map", "emission", "ambient", "background", "dither"):
+    for field in ("layers", "shadow_map", "area", "emission", "ambient", "background", "dither"):
         assert (getattr(plan, field) is not None) == reasons[field].on
     assert plan.cull == reasons["cull"].on
     assert plan.texture_slots == tuple(slot for slot in TEXTURE_SLOTS if reasons[f"texture {slot}"].on)

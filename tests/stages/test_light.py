@@ -9,7 +9,7 @@ import pytest
 from hand_made import surface, towards
 
 from jaxraster.brdf.blinn_phong import blinn_phong
-from jaxraster.brdf.energy import directional_albedo
+from jaxraster.brdf.compensation import compensated_albedo
 from jaxraster.brdf.standard import standard
 from jaxraster.light import ambient as ambient_file
 from jaxraster.light import punctual as punctual_file
@@ -65,12 +65,11 @@ def test_a_lambertian_plane_under_a_point_light(brdf):
     add = jax.jit(lambda here, every: punctual_file.punctual(here, every, ("point",), brdf))
     for distance in (0.1, 1.0, 30.0):
         place = stack_lights(point=[((0.0, 0.0, distance), intensity, INF)])
-        diffuse, specular = add(surface([[0.0, 0, 0]], diffuse=color), place)
+        diffuse, specular = add(surface([[0.0, 0, 0]], diffuse=color, f90=0.0), place)
         close(diffuse[0], color / np.pi * intensity / distance**2)
-        assert brdf is standard or (specular == 0).all()
+        assert (specular == 0).all()
     aside = stack_lights(point=[((4.0, 0.0, 3.0), intensity, INF)])
-    # Seen from the light's own side there is no Fresnel either: v = l, so that v·h is 1 and F = f0 = 0.
-    here = surface([[0.0, 0, 0]], view=[0.8, 0, 0.6], diffuse=color)
+    here = surface([[0.0, 0, 0]], view=[0.8, 0, 0.6], diffuse=color, f90=0.0)
     close(add(here, aside)[0][0], color / np.pi * intensity / 25 * 0.6, rtol=2e-6)
 
 
@@ -99,6 +98,66 @@ def test_a_spot_of_one_angle_has_a_soft_but_narrow_edge():
     irradiance = spot(surface(-towards(angle)), a_spot(inner=0.5, outer=0.5))[1][:, 0]
     close(irradiance, [1, 1, 0], atol=1e-6)
     close(spot(surface(-towards(angle)), a_spot(inner=0.0, outer=0.0))[1][:, 0], [0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("lights", "message"),
+    [
+        ({"directional": [((0, 0, 0), (1, 1, 1))]}, r"direction of directional\[0\] must be longer than 0"),
+        (
+            {"directional": [((0, 0, 1), (1, np.nan, 1))]},
+            r"irradiance of directional\[0\] must be finite, got \[1.0, nan",
+        ),
+        (
+            {"point": [((0, 0, 0), (1, 1, 1), INF), ((0, INF, 0), (1, 1, 1), 1)]},
+            r"position of point\[1\] must be finite",
+        ),
+        ({"point": [((0, 0, 0), (1, 1, 1), -1.0)]}, r"range of point\[0\] must be 0 or more, got -1.0"),
+        ({"spot": [((0, 0, 0), (0, 0, 1), (1, 1, 1), INF, 0.5, 0.4)]}, r"inner of spot\[0\] must be at most outer"),
+        (
+            {"spot": [((0, 0, 0), (0, 0, 1), (1, 1, 1), INF, -0.1, 0.4)]},
+            r"inner of spot\[0\] must be a half angle from",
+        ),
+    ],
+)
+def test_numbers_that_make_no_light_are_refused_in_one_line(lights, message):
+    with pytest.raises(ValueError, match=f"^stack_lights: {message}"):
+        stack_lights(**lights)
+
+
+def test_a_range_of_zero_reaches_nothing():
+    """Also where the light sits on the surface, in value and gradient."""
+    places = surface([[0.0, 0, 0], [1.0, 0, 0], [1e-6, 0, 0]])
+    light = a_point(range=0.0)
+    assert (point(places, light)[1] == 0).all()
+    slope = jax.jit(jax.grad(lambda x: punctual_file.point(places, x)[1].sum()))(light)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slope))
+
+
+def test_a_negative_strength_takes_its_light_away():
+    places = surface(np.random.default_rng(6).normal(size=(9, 3)))
+    shown, taken = (point(places, a_point(intensity=(s, 2 * s, 3 * s)))[1] for s in (1.0, -1.0))
+    np.testing.assert_array_equal(taken, -np.asarray(shown))
+
+
+def test_a_light_behind_the_surface_lights_nothing():
+    """As one inside of a closed mesh does: its surfaces face away from it."""
+    below = stack_lights(
+        point=[((0, 0, -0.1), (9, 9, 9), INF)], spot=[((0, 0, -1), (0, 0, 1), (9, 9, 9), INF, 0.1, 1.0)]
+    )
+    parts = jax.jit(lambda x: punctual_file.punctual(x, below, ("point", "spot"), standard))(
+        surface([[0.0, 0, 0]], f0=1.0)
+    )
+    assert all((part == 0).all() for part in parts)
+
+
+def test_gradients_at_cones_that_are_none_are_finite():
+    """Cones of one angle, of no angle, and of all directions, on their axis, on their edge and behind."""
+    places = surface(-towards(np.array([0.0, 0.5, 0.5001, 1.5, np.pi])))
+    slopes = jax.jit(jax.grad(lambda x: punctual_file.spot(places, x)[1].sum()))
+    for inner, outer in ((0.5, 0.5), (0.0, 0.0), (0.0, np.pi), (np.pi, np.pi)):
+        slope = slopes(a_spot(inner=inner, outer=outer))
+        assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slope)), (inner, outer)
 
 
 UGLY_PLACES = {
@@ -253,7 +312,7 @@ def test_diffuse_ambient_light_is_the_hemispheres_mean():
         normal = np.array([np.sin(tilt), np.cos(tilt), 0.0])
         here = surface(np.zeros((1, 3)), normal, diffuse=color, alpha=1.0)
         diffuse, _ = ambient(here, surroundings(), Ambient())
-        left = 1 - np.asarray(directional_albedo(here.f0, jnp.ones(1), here.alpha))
+        left = 1 - np.asarray(compensated_albedo(here.f0, jnp.ones(1), here.alpha))
         close(diffuse[0], color * mean * left[0], rtol=1e-3)
 
 
@@ -316,17 +375,16 @@ def test_gradients_of_ambient_light_are_finite():
         close(r, f, rtol=1e-3, atol=1e-3)
 
 
-def test_uniform_surroundings_show_the_albedo():
-    """With f0 = 1 in light of one tone, a metal mirrors the albedo's share of it whichever way it faces."""
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
+def test_what_is_white_cannot_be_told_from_uniform_surroundings(metallic):
+    """Metal or dielectric, of any roughness, whichever way it faces."""
     rng = np.random.default_rng(3)
     normal, view = towards(rng.uniform(0, 3, 40), rng.uniform(0, 7, 40)), towards(rng.uniform(0, 3, 40), 1.0)
-    alpha = rng.uniform(0.01, 1, 40)
-    here = surface(np.zeros((40, 3)), normal, view, diffuse=0.0, f0=1.0, alpha=alpha)
+    white = {"diffuse": 1 - metallic, "f0": 0.04 + 0.96 * metallic}
+    here = surface(np.zeros((40, 3)), normal, view, alpha=rng.uniform(0.01, 1, 40), **white)
     diffuse, specular = ambient(here, surroundings(SKY, SKY), Ambient())
-    cosine = np.clip((normal * view).sum(axis=1), 0, 1)
-    albedo = directional_albedo(here.f0, jnp.asarray(cosine, jnp.float32), here.alpha)
-    assert (diffuse == 0).all()
-    close(specular, np.asarray(albedo) * SKY, rtol=1e-4)
+    close(diffuse + specular, np.broadcast_to(SKY, (40, 3)), rtol=1e-6)
+    assert (diffuse == 0).all() or metallic == 0
 
 
 def test_a_mirror_shows_the_tone_it_points_at():
@@ -334,7 +392,7 @@ def test_a_mirror_shows_the_tone_it_points_at():
     normals = np.array([[0, 0, 1], [0, np.sin(0.4), np.cos(0.4)]])  # mirror directions below and above the horizon
     here = surface(np.zeros((2, 3)), normals, view, diffuse=0.0, f0=1.0, alpha=0.045**2)
     specular = np.asarray(ambient(here, surroundings(), Ambient())[1])
-    albedo = np.asarray(directional_albedo(here.f0, jnp.sum(here.normal * here.view, axis=-1), here.alpha))
+    albedo = np.asarray(compensated_albedo(here.f0, jnp.sum(here.normal * here.view, axis=-1), here.alpha))
     close(specular / albedo, [GROUND, SKY], atol=1e-3)
 
 
@@ -345,7 +403,7 @@ def test_a_rough_metal_gathers_about_its_mirror_direction():
     here = surface(np.zeros((40, 3)), normal, view, diffuse=0.0, f0=1.0, alpha=1.0)
     cosine = (normal * view).sum(axis=1, keepdims=True)
     share = 0.5 + 0.5 * (2 * cosine * normal - view)[:, 1:2]
-    albedo = np.asarray(directional_albedo(here.f0, jnp.asarray(cosine[:, 0], jnp.float32), here.alpha))
+    albedo = np.asarray(compensated_albedo(here.f0, jnp.asarray(cosine[:, 0], jnp.float32), here.alpha))
     close(ambient(here, surroundings(), Ambient())[1], albedo * (GROUND + (SKY - GROUND) * share), rtol=1e-5)
 
 
