@@ -1,8 +1,21 @@
-"""Pages that run as tests (README.md, docs) do so in a folder of their own, where the scene they load exists."""
+"""For all tests: pages (README.md, docs) run where the scene they load exists; no process runs out of memory maps."""
 
 import pathlib
 
+import jax
 import pytest
+
+# Linux allows a process 65,530 (vm.max_map_count), without which XLA crashes; a program holds tens, a file thousands.
+MOST_MAPS = 25_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_maps():
+    """Let go of compiled programs between files, when there are many."""
+    yield
+    maps = pathlib.Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture(autouse=True)

@@ -32,8 +32,8 @@ def splits(near: Float[Array, ""], far: Float[Array, ""], count: int, split: Kno
     """The count + 1 depths between which cascades lie; near and far above 0.
 
     Example:
-        >>> splits(jnp.float32(0.1), jnp.float32(100.0), 4, 0.5).round(4).tolist()
-        [0.10000000149011612, 12.81869983673096, 26.606100082397461, 46.4039001464843750, 100.0]
+        >>> [f"{depth:.2f}" for depth in splits(jnp.float32(0.1), jnp.float32(100.0), 4, 0.5).tolist()]
+        ['0.10', '12.82', '26.61', '46.40', '100.00']
     """
     share = jnp.arange(count + 1, dtype=near.dtype) / count
     return split * near * (far / near) ** share + (1.0 - split) * (near + (far - near) * share)

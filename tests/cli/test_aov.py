@@ -111,7 +111,7 @@ def test_scales_are_told(frame):
 def test_every_buffer_has_a_picture(frame):
     """Whatever a frame is made of can be looked at, but for what is no picture of the scene."""
     buffers = {*Surface.__annotations__, *Radiance.__annotations__, *Visibility.__annotations__}
-    assert buffers - AOVS.keys() == {"mask", "view", "alpha", "nearness", "opacity", "stats"}
+    assert buffers - AOVS.keys() == {"mask", "view", "alpha", "nearness", "opacity", "coat", "sheen", "stats"}
     assert AOVS.keys() - buffers == {"roughness"}
 
 

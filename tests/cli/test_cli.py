@@ -73,7 +73,7 @@ REFUSED = [
     ("render --light-direction 1,inf,1", 2, "--light-direction: expected three finite numbers x,y,z, got '1,inf,1'"),
     ("render --tonemap pbr_netral", 2, "--tonemap: unknown name 'pbr_netral'; did you mean 'pbr_neutral'?"),
     ("render --tonemap ?", 2, "--tonemap: unknown name '?'; known: clip, reinhard"),
-    ("render --shading phong", 2, "--shading: unknown name 'phong'; known: standard, local"),
+    ("render --shading phong", 2, "--shading: unknown name 'phong'; known: standard, gltf, local"),
     ("render --aov depth,?", 2, "--aov: unknown name '?'; known: depth, normal"),
     ("render --camera 0", 2, "--camera: is for files; 'stage' is built in"),
     ("render stage --light-direction 1,-1,1", 2, "--light-direction: is for files"),
