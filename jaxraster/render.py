@@ -20,8 +20,8 @@ from .light.ambient import ambient
 from .light.area import area
 from .light.background import background
 from .light.emission import emission
+from .light.punctual import punctual
 from .light.shadow_map import shadow_map
-from .light.shadow_share import shadowed
 from .plan import Plan, as_arrays
 from .resolve import resolve
 from .scene import Camera, Scene
@@ -72,7 +72,7 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     # Light it, keeping the paths apart.
     shares = effect(shadow_map, plan.shadow_map, surface, mesh, scene.lights, camera, otherwise={})
     with jax.named_scope("direct"):
-        direct = shadowed(surface, scene.lights, plan.light_kinds, BRDFS[plan.shading], shares)
+        direct = punctual(surface, scene.lights, plan.light_kinds, BRDFS[plan.shading], shares)
     dark = jnp.zeros_like(surface.position)
     brdf, albedo = BRDFS[plan.shading], ALBEDOS.get(plan.shading)
     glow = effect(area, plan.area, surface, scene.lights, brdf, albedo, otherwise=(dark, dark))

@@ -5,18 +5,18 @@ candela · window(d) · cone / d² for the others. Linear Rec.709; radiance come
 
 window(d) = 1 - min(d/range, 1)⁴; cone = clamp((cos θ - cos outer) / (cos inner - cos outer), 0, 1)².
 
-Gradient: exact in lights and surface; 0 outside range and cone, where the light sits on the surface, and in a range
-that is infinite.
+Gradient: exact in lights, surface and shares; 0 outside range and cone, where the light sits on the surface, and in a
+range that is infinite.
 Source: KHR_lights_punctual.
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..buffers import Surface
 from ..math import safe
@@ -68,27 +68,22 @@ def punctual(
     lights: Lights,
     kinds: tuple[str, ...],
     brdf: Callable[[Surface, Float[Array, "*b 3"]], tuple],
-    shadow: tuple[int | Int[Array, ""], Float[Array, "*b"]] | None = None,
+    shares: Mapping[str, Float[Array, "n *b"]] | None = None,
 ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
     """Diffuse and specular radiance from all lights of the given kinds, summed one light at a time.
 
-    `shadow` is the index of a directional light and how much of it every pixel sees.
+    `shares` of a kind say how much of each of its n lights arrives at every pixel; of the others all does.
     """
     total = (jnp.zeros_like(surface.position), jnp.zeros_like(surface.position))
     for kind in kinds:
-        every = getattr(lights, kind)
-        occluded = shadow if kind == "directional" else None
 
-        def add(total, numbered, arrive=KINDS[kind], occluded=occluded):
-            number, light = numbered
+        def add(total, one, arrive=KINDS[kind]):
+            light, share = one
             l, irradiance = arrive(surface, light)
-            if occluded is not None:
-                index, share = occluded
-                irradiance = irradiance * jnp.where(number == index, share, 1.0)[..., None]
+            irradiance = irradiance if share is None else irradiance * share[..., None]
             diffuse, specular = brdf(surface, l)
             return (total[0] + diffuse * irradiance, total[1] + specular * irradiance), None
 
         with jax.named_scope(kind):
-            count = jax.tree.leaves(every)[0].shape[0]
-            total, _ = lax.scan(add, total, (jnp.arange(count), every))
+            total, _ = lax.scan(add, total, (getattr(lights, kind), (shares or {}).get(kind)))
     return total

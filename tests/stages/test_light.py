@@ -229,7 +229,8 @@ def many():
 
     @jax.jit
     def add(every, shadow):
-        return punctual_file.punctual(here, every, ("directional", "point", "spot"), standard, (1, shadow))
+        shares = {"directional": jnp.stack([jnp.ones(50), shadow])}
+        return punctual_file.punctual(here, every, ("directional", "point", "spot"), standard, shares)
 
     return rows, lambda every, shadow=1.0: add(every, jnp.full(50, shadow))
 
