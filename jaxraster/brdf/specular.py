@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..buffers import Surface
 from ..math import safe
+from ..math.table import kept
 from .distribution import ggx
 from .fresnel import schlick
 from .masking import smith_correlated
@@ -31,6 +32,8 @@ def specular(
     n_dot_v = safe.dot(n, v)
     n_dot_v = jnp.where(n_dot_v < MIN_N_DOT_V, MIN_N_DOT_V, n_dot_v)
 
-    fresnel = schlick(surface.f0, safe.dot(v, h), surface.f90)
     lobe = ggx(n, h, surface.alpha) * smith_correlated(n_dot_v, n_dot_l, surface.alpha) * n_dot_l
-    return jnp.where(lit, lobe, 0.0)[..., None] * fresnel, fresnel, n_dot_v, n_dot_l
+    # Keep what weighs the channels, or it is worked out for each of them.
+    lobe, v_dot_h, n_dot_v, n_dot_l = kept((jnp.where(lit, lobe, 0.0), safe.dot(v, h), n_dot_v, n_dot_l), surface.mask)
+    fresnel = schlick(surface.f0, v_dot_h, surface.f90)
+    return lobe[..., None] * fresnel, fresnel, n_dot_v, n_dot_l

@@ -19,19 +19,29 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..math.hash import keyed, uniform
-from ..math.table import fetch
+from ..math.table import fetch, fetch_run
 
 Shares = Float[Array, "*b"]
 GOLDEN = np.pi * (3.0 - 5.0**0.5)  # the angle between neighbours on the spiral
 UNROLL = 4  # taps a step: each step reads and writes what was found at every pixel
-# Whether the texel at (column, line), whole numbers, leaves the place lit: 0 or 1.
+# Whether the texel at (column, line), whole numbers, leaves the place lit: 0 or 1; and the same of a line of them.
 Test = Callable[[Array, Array], Shares]
+Tests = Callable[[Array, Array, int], list[Shares]]
 
 
 def lookup(occluders: Float[Array, " n"], size: int, column: Array, line: Array) -> Float[Array, "*b"]:
     """The depth of the texel at whole coordinates, of the nearest one where they lie outside."""
     column, line = (jnp.clip(place, 0, size - 1).astype(jnp.int32) for place in (column, line))
     return fetch(occluders, line * size + column)
+
+
+def lookup_line(
+    occluders: Float[Array, " n"], size: int, column: Array, line: Array, count: int
+) -> list[Float[Array, "*b"]]:
+    """The depths of `count` texels of a line from whole coordinates on; of other texels where they lie outside."""
+    column, line = jnp.clip(column, 0, size - count), jnp.clip(line, 0, size - 1)
+    found = fetch_run(occluders, line.astype(jnp.int32) * size + column.astype(jnp.int32), count)
+    return [found[..., i] for i in range(count)]
 
 
 def single(x: Shares, y: Shares, test: Test) -> Shares:
@@ -48,12 +58,13 @@ def _taps(position, width):
     return [(first + offset, weight) for offset, weight in enumerate(weights)]
 
 
-def box(x: Shares, y: Shares, test: Test, width: int) -> Shares:
+def box(x: Shares, y: Shares, tests: Tests, width: int) -> Shares:
     """The box of `width` texels on a side about the place."""
     lit = jnp.zeros_like(x)
-    for line, line_weight in _taps(y, width):
-        for column, column_weight in _taps(x, width):
-            lit += line_weight * column_weight * test(column, line)
+    columns, lines = _taps(x, width), _taps(y, width)
+    for line, line_weight in lines:
+        found = tests(columns[0][0], line, width + 1)
+        lit += line_weight * sum(weight * one for (_, weight), one in zip(columns, found))
     return lit / width**2
 
 

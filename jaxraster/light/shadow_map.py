@@ -23,12 +23,13 @@ from jaxtyping import Array, Float, Int
 
 from ..buffers import Surface
 from ..math import safe
+from ..math.table import kept
 from ..record import Scalar, record, static
 from ..scene import Camera, Lights, Mesh
 from ..visibility.raster import rasterize_depth
 from .shadow_bias import base_bias, offset_along_normal, plane_bias
 from .shadow_exact import exact
-from .shadow_filter import box, disc, lookup, single
+from .shadow_filter import box, disc, lookup, lookup_line, single
 from .shadow_frame import LightView, Receiver, inside, light_clip, receiver
 from .shadow_penumbra import penumbra
 from .shadow_views import VIEWS
@@ -141,10 +142,14 @@ def _filtered(view: LightView, occluders: Array, place: Receiver, settings: Shad
     def test(column, line):
         return jnp.where(depth(column, line) > threshold(column, line), 0.0, 1.0)
 
+    def tests(column, line, count):
+        found = lookup_line(occluders, view.size, column, line, count)
+        return [jnp.where(one > threshold(column + i, line), 0.0, 1.0) for i, one in enumerate(found)]
+
     if settings.filter == "single":
         return single(place.x, place.y, test)
     if settings.filter == "box":
-        return box(place.x, place.y, test, settings.width)
+        return box(place.x, place.y, tests, settings.width)
     if settings.filter == "disc":
         return disc(place.x, place.y, test, 0.5 * settings.width, 0.5 * settings.width, settings.taps)
     size = settings.radius / view.depth[0] if view.central else settings.angle * view.depth[1]
@@ -166,7 +171,7 @@ def _share(kind, light, surface, mesh, camera, settings):
         return share - weight * inside(view, place) * (1.0 - lit), None
 
     share, _ = lax.scan(subtract, jnp.ones_like(surface.alpha), (views, weights))
-    return jnp.clip(share, 0.0, 1.0)
+    return kept(jnp.clip(share, 0.0, 1.0), surface.mask)
 
 
 @functools.partial(jax.jit, static_argnames="kind")

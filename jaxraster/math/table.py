@@ -16,6 +16,21 @@ def fetch(table: Shaped[Array, "n *k"], index: Int[Array, "*b"]) -> Shaped[Array
     return table.at[index].get(mode="promise_in_bounds")
 
 
+def fetch_run(table: Shaped[Array, " n"], first: Int[Array, "*b"], count: int) -> Shaped[Array, "*b k"]:
+    """`count` neighbours from each of `first` on, all known to lie in the table: a row of it that starts anywhere.
+
+    A third of the time that as many single accesses take. Gradient: adds into what is fetched.
+
+    Example:
+        >>> fetch_run(jnp.array([2.0, 3.0, 5.0, 7.0]), jnp.array([1, 0]), 2).tolist()
+        [[3.0, 5.0], [2.0, 3.0]]
+    """
+    run = lax.GatherDimensionNumbers(offset_dims=(1,), collapsed_slice_dims=(), start_index_map=(0,))
+    runs = lax.gather(table, first.reshape(-1, 1), run, (count,), mode="promise_in_bounds")
+    # Keep them, or each of its neighbours would be fetched by itself, where it is read.
+    return kept(runs, first).reshape(*first.shape, count)
+
+
 def apart(always: Bool[Array, ""], function: Callable, *arguments):
     """`function(*arguments)` computed once and written to memory, where XLA would repeat it for each of its readers.
 
@@ -24,6 +39,23 @@ def apart(always: Bool[Array, ""], function: Callable, *arguments):
     """
     shapes = jax.eval_shape(function, *arguments)
     return lax.cond(always, function, lambda *_: zeros_as(shapes, always), *arguments)
+
+
+@jax.custom_jvp
+def kept(values, data: Bool[Array, "*b"] | Int[Array, "*b"]):
+    """`values`, an array or several, written to memory where XLA would compute them again for each of their readers.
+
+    For what many read: numbers per pixel by which three channels are weighed. `data` are truth values, or whole numbers
+    that are not negative, of which XLA cannot know so. Mapped by `vmap` it does nothing. Gradient: exact.
+    """
+    if data.size == 0:
+        return values
+    return apart(data.reshape(-1)[0].astype(jnp.int32) >= 0, lambda values: values, values)
+
+
+@kept.defjvp
+def _kept_tangents(primals, tangents):
+    return kept(*primals), tangents[0]
 
 
 def zeros_as(shapes, data):
