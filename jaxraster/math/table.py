@@ -26,9 +26,13 @@ def fetch_run(table: Shaped[Array, " n"], first: Int[Array, "*b"], count: int) -
         [[3.0, 5.0], [2.0, 3.0]]
     """
     run = lax.GatherDimensionNumbers(offset_dims=(1,), collapsed_slice_dims=(), start_index_map=(0,))
-    runs = lax.gather(table, first.reshape(-1, 1), run, (count,), mode="promise_in_bounds")
-    # Keep them, or each of its neighbours would be fetched by itself, where it is read.
-    return kept(runs, first).reshape(*first.shape, count)
+
+    def runs(table, first):
+        return lax.gather(table, first.reshape(-1, 1), run, (count,), mode="promise_in_bounds")
+
+    # Apart, or each of the neighbours would be fetched by itself, where it is read.
+    found = apart(first.reshape(-1)[0] >= 0, runs, table, first) if first.size else runs(table, first)
+    return found.reshape(*first.shape, count)
 
 
 def apart(always: Bool[Array, ""], function: Callable, *arguments):

@@ -137,29 +137,38 @@ def _nearest(clip, faces, sides, small, *seen, height, width, depth_only):
     pixels = lax.while_loop(lambda state: state[0] < groups, draw_group, (zero, pair(near, id)))[1]
 
     large_near, large_id = (picture(part, height, width) for part in unpair(pixels))
+    stats = Stats(
+        non_finite=jnp.sum((states == 0) & exists, dtype=jnp.int32),
+        degenerate=jnp.sum(face_whole & (area == 0), dtype=jnp.int32),
+        out_of_range=jnp.sum(~exists, dtype=jnp.int32),
+    )
+
+    def draw(drawn, near, finding_ids):
+        return draw_small(drawn, near, seen, finding_ids, corners, order, first_large, chunk=chunk)
+
+    def covered(near, values, nothing):
+        return jnp.where(near > FARTHEST, values, nothing)
+
+    if depth_only:
+        near = lax.cond(first_large > 0, lambda: draw(large_near, large_near, False), lambda: large_near)
+        return covered(near, near, 0), stats
 
     # Small triangles' depths first; their ids when all depths are known, and instead of those that they hid.
     def draw_phase(phase, state):
         near, id = state
-        last = jnp.where(phase == 1, 0, first_large) if depth_only else first_large
         drawn = lax.cond(phase == 1, lambda: jnp.where(near == large_near, id, NOBODY), lambda: near)
-        drawn = draw_small(drawn, near, seen, phase == 1, corners, order, last, chunk=chunk)
+        drawn = draw(drawn, near, phase == 1)
         return lax.cond(phase == 1, lambda: (near, drawn), lambda: (drawn, id))
 
     def finish(near, id):
-        return jnp.where(near > FARTHEST, near, 0), jnp.where(near > FARTHEST, id, -1)
+        return covered(near, near, 0), covered(near, id, -1)
 
     near, id = lax.cond(
         first_large > 0,
         lambda: finish(*lax.fori_loop(zero, zero + 2, draw_phase, (large_near, large_id))),
         lambda: finish(large_near, large_id),
     )
-    stats = Stats(
-        non_finite=jnp.sum((states == 0) & exists, dtype=jnp.int32),
-        degenerate=jnp.sum(face_whole & (area == 0), dtype=jnp.int32),
-        out_of_range=jnp.sum(~exists, dtype=jnp.int32),
-    )
-    return (near, stats) if depth_only else (near, id, stats)
+    return near, id, stats
 
 
 @functools.cache
