@@ -38,4 +38,5 @@ def page_folder(request, monkeypatch, tmp_path_factory):
     mesh = gltf.mesh(document, np.asarray(sphere.faces, np.uint16).reshape(-1), {"material": 0}, **arrays)
     gltf.put(document, "scenes", {"nodes": [gltf.node(document, mesh=mesh)]})
     gltf.write(document, folder / "helmet", "data")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
     monkeypatch.chdir(folder)

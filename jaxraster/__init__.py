@@ -47,7 +47,7 @@ from .scene import Scene as Scene
 from .scene import Sphere as Sphere
 from .scene import Spot as Spot
 from .scene import Textures as Textures
-from .scene import pack_textures as pack_textures
+from .stack import pack_textures as pack_textures
 from .stack import stack_lights as stack_lights
 from .stack import stack_materials as stack_materials
 from .surface.texture import texture as texture

@@ -75,6 +75,17 @@ class Surface:
 
 
 @record
+class Occlusion:
+    """How much of the ambient light reaches each pixel, in [0, 1], and the mean direction that it comes from.
+
+    `bent_normal` is unit, in world space. Where there is no surface these are 1 and the surface's normal.
+    """
+
+    visibility: Float[Array, "*b"]
+    bent_normal: Float[Array, "*b 3"]
+
+
+@record
 class Radiance:
     """Light towards the viewer, kept apart by its path until `resolve`: linear, in cd/m²."""
 

@@ -4,6 +4,8 @@ A Plan's treedef (sizes, names, which effects there are) keys compilation; its l
 traced. Turning a knob compiles nothing; an effect that is None leaves nothing in the program.
 """
 
+from typing import get_args
+
 import jax
 import jax.numpy as jnp
 
@@ -17,6 +19,8 @@ from .light.emission import Emission
 from .light.shadow_map import ShadowMap
 from .record import Scalar, record, static
 from .scene import LIGHT_KINDS, TEXTURE_SLOTS, Camera, Scene, check_scene
+from .screen.horizon import HorizonAO
+from .screen.ssao import SSAO
 from .visibility.layers import Layers
 
 SHADINGS = ("standard", "gltf", "local")
@@ -24,6 +28,7 @@ EFFECTS = {
     "layers": Layers,
     "shadow_map": ShadowMap,
     "area": Area,
+    "occlusion": HorizonAO | SSAO,
     "ambient": Ambient,
     "emission": Emission,
     "background": Background,
@@ -39,7 +44,8 @@ class Plan:
     between them), "gltf" (the specification's plain formula, as other viewers show it) or "local" (Blinn–Phong and no
     visibility of lights: no shadow). `light_kinds` and `texture_slots` name what is evaluated and fetched;
     `cull` drops the back faces of materials that are not double-sided. `layers` cuts out masked materials and lets
-    what is behind blended ones show through; None draws both opaque. `exposure` in EV, each doubling the light.
+    what is behind blended ones show through; None draws both opaque. `occlusion` darkens the ambient light where what
+    is on the screen is in its way. `exposure` in EV, each doubling the light.
     """
 
     width: int = static(default=640)
@@ -52,6 +58,7 @@ class Plan:
     layers: Layers | None = None
     shadow_map: ShadowMap | None = None
     area: Area | None = None
+    occlusion: HorizonAO | SSAO | None = None
     ambient: Ambient | None = Ambient()
     emission: Emission | None = Emission()
     background: Background | None = Background()
@@ -69,7 +76,8 @@ class Plan:
             raise ValueError(f"Plan.cull must be True or False, got {self.cull!r}")
         for name, kind in EFFECTS.items():
             if not isinstance(getattr(self, name), kind | None):
-                raise ValueError(f"Plan.{name} must be None or {kind.__name__}(...), got {getattr(self, name)!r}")
+                names = " or ".join(f"{one.__name__}(...)" for one in get_args(kind) or (kind,))
+                raise ValueError(f"Plan.{name} must be None or {names}, got {getattr(self, name)!r}")
         for name, known in (("shading", SHADINGS), ("tonemap", tuple(TONEMAPS))):
             if getattr(self, name) not in known:
                 raise ValueError(f"Plan.{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
@@ -81,7 +89,7 @@ class Plan:
                 raise ValueError(f"Plan.{name} may hold {', '.join(known)}, got {', '.join(sorted(map(str, unknown)))}")
             if twice := {one for one in names if names.count(one) > 1}:
                 raise ValueError(f"Plan.{name} names {', '.join(sorted(twice))} twice, got {names}")
-        for name in ("shadow_map", "area"):
+        for name in ("shadow_map", "area", "occlusion"):
             if self.shading == "local" and getattr(self, name) is not None:
                 raise ValueError(f'Plan.{name} must be None where Plan.shading is "local", which knows lights alone')
 

@@ -1,5 +1,6 @@
 """The table of contents: scene -> visibility -> surface -> light -> linear HDR -> image."""
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
@@ -22,9 +23,12 @@ from .light.background import background
 from .light.emission import emission
 from .light.punctual import punctual
 from .light.shadow_map import shadow_map
+from .light.sunlit import sunlit
 from .plan import Plan, as_arrays
 from .resolve import resolve
 from .scene import Camera, Scene
+from .screen.horizon import HorizonAO, horizon
+from .screen.ssao import SSAO, ssao
 from .surface.gather import gather
 from .surface.layered import layered
 from .surface.material import material
@@ -34,6 +38,7 @@ from .visibility.project import project
 from .visibility.raster import rasterize
 
 BRDFS = {"standard": standard, "gltf": gltf, "local": blinn_phong}
+OCCLUSIONS: dict[type, Callable] = {HorizonAO: horizon, SSAO: ssao}
 ALBEDOS = {"standard": compensated_albedo, "gltf": directional_albedo}
 
 
@@ -70,13 +75,15 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
         mesh = casters(mesh, modes)
 
     # Light it, keeping the paths apart.
-    shares = effect(shadow_map, plan.shadow_map, surface, mesh, scene.lights, camera, otherwise={})
+    lights = sunlit(scene.lights, scene.environment)
+    shares = effect(shadow_map, plan.shadow_map, surface, mesh, lights, camera, otherwise={})
     with jax.named_scope("direct"):
-        direct = punctual(surface, scene.lights, plan.light_kinds, BRDFS[plan.shading], shares)
+        direct = punctual(surface, lights, plan.light_kinds, BRDFS[plan.shading], shares)
     dark = jnp.zeros_like(surface.position)
     brdf, albedo = BRDFS[plan.shading], ALBEDOS.get(plan.shading)
-    glow = effect(area, plan.area, surface, scene.lights, brdf, albedo, otherwise=(dark, dark))
-    indirect = effect(ambient, plan.ambient, surface, scene.environment, otherwise=(dark, dark))
+    glow = effect(area, plan.area, surface, lights, brdf, albedo, otherwise=(dark, dark))
+    occlusion = effect(OCCLUSIONS.get(type(plan.occlusion)), plan.occlusion, surface, camera)
+    indirect = effect(ambient, plan.ambient, surface, scene.environment, otherwise=(dark, dark), occlusion=occlusion)
     emitted = effect(emission, plan.emission, surface, otherwise=dark)
     radiance = Radiance(
         direct_diffuse=direct[0] + glow[0],

@@ -4,14 +4,10 @@ Everything is a struct of arrays, so that a scene of any content is one pytree w
 World space: right-handed, +Y up, metres. Colours and light: linear Rec.709.
 """
 
-from collections.abc import Sequence
-
-import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .camera import Camera
-from .check import below, fit, fit_record
+from .check import below, fit_record
 from .record import record
 
 
@@ -172,8 +168,27 @@ class Lights:
 
 
 @record
+class EnvironmentMap:
+    """Light from infinitely far away as a picture of all directions, and what matter of each roughness sees of it.
+
+    `texels` hold radiance (cd/m²) in equirectangular projection: row 0 around +Y, the middle column towards +X, columns
+    onwards turning to +Z, as in Blender, three.js and Khronos's viewers. `rotation` (rad) turns all of it about +Y,
+    counter-clockwise seen from above. `suns` is what was too strong and small to be blurred and has been cut out of
+    the texels; they turn with it. `harmonics`, `irradiance` and `specular` are made of the texels by
+    `environment.prepare`: see there for what they hold.
+    """
+
+    texels: Float[Array, "*b h w 3"]
+    rotation: Float[Array, "*b"]
+    suns: Directional
+    harmonics: Float[Array, "*b 9 3"]
+    irradiance: Float[Array, "*b i k"]
+    specular: Float[Array, "*b s k"]
+
+
+@record
 class Environment:
-    """Two-tone surroundings: radiance `sky` from the half space around `up`, `ground` from the other.
+    """Surroundings: radiance `sky` from the half space around `up`, `ground` from the other, and a `map` on top.
 
     Equal tones are a constant environment; zeros are none.
     """
@@ -181,6 +196,7 @@ class Environment:
     up: Float[Array, "*b 3"]
     sky: Float[Array, "*b 3"]
     ground: Float[Array, "*b 3"]
+    map: EnvironmentMap | None = None
 
 
 @record
@@ -218,73 +234,3 @@ TEXTURE_SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emi
 REPEAT, CLAMP, MIRROR = 0, 1, 2
 NEAREST, LINEAR, FIRST = 0, 1, 2
 OPAQUE, MASK, BLEND = 0, 1, 2
-
-
-def _halve(image: np.ndarray) -> np.ndarray:
-    """The next mip level: size max(1, n // 2) on each axis, every texel weighed by its exact overlap (box filter)."""
-    for axis in (0, 1):
-        size = image.shape[axis]
-        half = max(1, size // 2)
-        if size == 2 * half:
-            image = 0.5 * (image.take(range(0, size, 2), axis) + image.take(range(1, size, 2), axis))
-        elif size > 1:
-            edges = np.arange(half + 1) * (size / half)
-            texel = np.arange(size)
-            overlap = np.minimum(edges[1:, None], texel + 1) - np.maximum(edges[:-1, None], texel)
-            weights = np.maximum(overlap, 0.0) * (half / size)
-            image = np.moveaxis(np.tensordot(weights, image, (1, axis)), 0, axis)
-    return image.astype(np.float32)
-
-
-def _codes(name: str, given: Sequence | None, most: tuple[int, ...], default: int, count: int) -> list[tuple[int, ...]]:
-    """A row of codes, each from 0 to its most, for each of `count` images; the default where none are given."""
-    if given is None or len(given) == 0:
-        return [(default,) * len(most)] * count
-    rows = [tuple(np.ravel(row).tolist()) for row in given]
-    if len(rows) != count or any(len(r) != len(most) or any(not 0 <= c <= m for c, m in zip(r, most)) for r in rows):
-        each = f"a row of {len(most)} codes, from 0 to {most}, for each of {count} images"
-        raise ValueError(f"pack_textures: {name} must hold {each}, got {given}")
-    return rows
-
-
-def pack_textures(
-    images: Sequence[np.ndarray],
-    wrap: Sequence[tuple[int, int]] | None = None,
-    filters: Sequence[tuple[int, int, int]] | None = None,
-) -> Textures:
-    """Linear float images `[h, w, 4]` of any sizes, with all their mip levels, in one buffer.
-
-    Runs on the host. `wrap` and `filters` hold a row of codes per image, as `Textures` explains them; left out, all
-    repeat and are trilinear. The mean of every level equals the image's, also for odd sizes. Without images the buffer
-    holds one white texel, so that it may still be gathered from.
-
-    Example:
-        >>> pack_textures([np.ones((4, 2, 4), np.float32)]).levels.tolist()
-        [[[0, 2, 4], [8, 1, 2], [10, 1, 1]]]
-    """
-    for i, image in enumerate(images):
-        fit(f"pack_textures: images[{i}]", image, Float[Array, "h w 4"])
-        if 0 in image.shape:
-            raise ValueError(f"pack_textures: images[{i}] has no texels, its shape is {list(image.shape)}")
-    images = [np.asarray(image, np.float32) for image in images] or [np.ones((1, 1, 4), np.float32)]
-    wraps = _codes("wrap", wrap, (MIRROR, MIRROR), REPEAT, len(images))
-    rules = _codes("filters", filters, (LINEAR, LINEAR, FIRST), LINEAR, len(images))
-    texels, levels, offset = [], [], 0
-    for image in images:
-        rows = []
-        while True:
-            rows.append((offset, image.shape[1], image.shape[0]))
-            texels.append(image.reshape(-1, 4))
-            offset += len(texels[-1])
-            if max(image.shape[:2]) == 1:
-                break
-            image = _halve(image)
-        levels.append(rows)
-    deepest = max(len(rows) for rows in levels)
-    table = [rows + rows[-1:] * (deepest - len(rows)) for rows in levels]
-    return Textures(
-        texels=jnp.asarray(np.concatenate(texels)),
-        levels=jnp.asarray(np.array(table, np.int32)),
-        wrap=jnp.asarray(np.array(wraps, np.int32)),
-        filters=None if {*rules} == {(LINEAR, LINEAR, LINEAR)} else jnp.asarray(np.array(rules, np.int32)),
-    )

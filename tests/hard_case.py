@@ -1,7 +1,8 @@
 """The hard cases: what provokes each, what is promised, and the test that holds it.
 
 Tests written for a case carry `@case`; others held theirs already and are listed in `ELSEWHERE`. Cases R are the
-rasterizer's, cases V the rays', cases I invariances, of the rasterizer or of the whole picture.
+rasterizer's, cases V the rays', cases E the surroundings', cases A those of occlusion on the screen, cases I
+invariances, of the rasterizer or of the whole picture.
 `python -m tests.hard_case` writes their page.
 """
 
@@ -15,7 +16,8 @@ PAGE = ROOT / "docs" / "hard-cases.md"
 HEAD = """# Hard cases
 
 Inputs that break renderers, what is promised for each, and the test that holds it. R are the rasterizer's, V the
-rays', I invariances. Written by `python -m tests.hard_case` from the tests themselves.
+rays', E the surroundings', A those of occlusion on the screen, I invariances. Written by `python -m tests.hard_case`
+from the tests themselves.
 
 | id | input that provokes it | what is promised | test |
 |---|---|---|---|
@@ -27,6 +29,10 @@ RASTER, EXACT, CLIPPING, LIMITS = (
 )
 HARD, LIGHT, PLAN = "tests/gradients/test_hard_visibility.py", "tests/stages/test_light.py", "tests/laws/test_plan.py"
 TRACE, INTERSECT, BVH = "tests/stages/test_trace.py", "tests/formulas/test_intersect.py", "tests/formulas/test_bvh.py"
+PREFILTER, AROUND = "tests/stages/test_prefilter.py", "tests/stages/test_environment_light.py"
+EQUIRECT, SUN, SURROUNDINGS = (
+    f"tests/{name}.py" for name in ("formulas/test_equirect", "formulas/test_sun", "io/test_environment")
+)
 ONE_OWNER = "every sample has exactly one owner"
 ELSEWHERE = [  # id, input, promise, test
     ("R1", "a quad whose diagonal passes through samples", ONE_OWNER, f"{RASTER}::test_drtk_quad_has_no_hole"),
@@ -197,6 +203,85 @@ ELSEWHERE = [  # id, input, promise, test
         f"{TRACE}::test_a_stack_without_room_loses_nothing",
     ),
     (
+        "E1",
+        "directions at the poles and within 1e-6 of them, of no length, not finite",
+        "finite values and gradients",
+        f"{EQUIRECT}::test_lookup_is_finite_at_poles_and_seam_and_where_there_is_no_direction",
+    ),
+    (
+        "E2",
+        "directions across the seam of a picture",
+        "no step there; what is constant stays so",
+        f"{EQUIRECT}::test_there_is_no_step_at_the_seam_nor_over_a_pole",
+    ),
+    (
+        "E2",
+        "surroundings turned by whole columns",
+        "the picture rolled by as many",
+        f"{EQUIRECT}::test_turning_by_whole_columns_rolls_the_picture",
+    ),
+    (
+        "E3",
+        "texels that are NaN, infinite or negative",
+        "put right when read, and counted",
+        f"{SURROUNDINGS}::test_what_was_put_right_is_said_every_time",
+    ),
+    (
+        "E3",
+        "a sun of one texel or of many, at a pole, across the seam",
+        "cut out to be a light of its own; no light lost",
+        f"{SUN}::test_a_sun_is_cut_and_no_light_is_lost",
+    ),
+    (
+        "E4",
+        "pictures that are black, constant, of one texel or one column",
+        "no sun in them, nothing that is not finite",
+        f"{SUN}::test_there_is_no_sun_where_there_is_none",
+    ),
+    (
+        "E4",
+        "pictures that are not twice as wide as high",
+        "refused in one line, but for a single pixel",
+        f"{SURROUNDINGS}::test_what_is_no_picture_of_all_directions_is_refused",
+    ),
+    ("E5", "directions drawn from a picture with black rows", "none from a black texel", NOT_BUILT),
+    (
+        "E6",
+        "roughness 0, 1 and beyond, pictures of one texel",
+        "the ends' levels, without a step",
+        f"{PREFILTER}::test_roughness_beyond_both_ends_is_that_of_the_ends",
+    ),
+    (
+        "E7",
+        "constant surroundings",
+        "the constant at every level",
+        f"{PREFILTER}::test_a_constant_is_exact_at_every_level",
+    ),
+    (
+        "E7",
+        "white metal and plastic, coated or not, in uniform surroundings",
+        "not to be told from them",
+        f"{AROUND}::test_what_is_white_cannot_be_told_from_uniform_surroundings",
+    ),
+    (
+        "E8",
+        "mirrors and the roughest, seen edge-on, at poles and seams, black and at 6e4",
+        "finite values and gradients",
+        f"{AROUND}::test_values_and_gradients_are_finite_everywhere",
+    ),
+    (
+        "E9",
+        "directions with equal components, on edges and corners of the octahedron",
+        "no seam",
+        "tests/formulas/test_octahedral.py::test_there_is_no_seam",
+    ),
+    (
+        "E10",
+        "light from one direction in nine harmonics",
+        "no negative irradiance",
+        f"{AROUND}::test_a_map_of_irradiance_follows_what_harmonics_leave_out",
+    ),
+    (
         "I1",
         "a picture drawn inside and outside of `jit`",
         "the same faces, floats to rounding",
@@ -266,7 +351,7 @@ def missing(tests: list[str]) -> list[str]:
 
 def rows() -> list[tuple[str, str, str, str]]:
     """All cases, by id."""
-    return sorted(ELSEWHERE + decorated(), key=lambda row: ("RVI".index(row[0][0]), int(row[0][1:])))
+    return sorted(ELSEWHERE + decorated(), key=lambda row: ("RVEAI".index(row[0][0]), int(row[0][1:])))
 
 
 def page() -> str:

@@ -12,9 +12,9 @@ import jax
 import numpy as np
 
 from jaxraster.geometry import shapes
-from jaxraster.scene import Camera, Scene, pack_textures
+from jaxraster.scene import Camera, Scene
 from jaxraster.scenes import parts
-from jaxraster.stack import stack_lights, stack_materials
+from jaxraster.stack import pack_textures, stack_lights, stack_materials
 from jaxraster.visibility import raster
 
 WIDTH, HEIGHT = 24, 16

@@ -7,11 +7,11 @@ import warnings
 from collections.abc import Sequence
 
 from ..errors import AssetWarning, Error, LimitError, UsageError
-from . import compare, limits, render
+from . import compare, limits, prepare, render
 from .arguments import parse, quiet
 from .terminal import complain, progress, say
 
-COMMANDS = {"render": render, "compare": compare, "limits": limits}
+COMMANDS = {"render": render, "compare": compare, "prepare": prepare, "limits": limits}
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -5,6 +5,8 @@ A file is loaded, planned, compiled and drawn; the plan says which effects are i
 
 import argparse
 import contextlib
+import dataclasses
+import math
 import os
 import pathlib
 import time
@@ -13,6 +15,10 @@ from collections.abc import Iterator
 from ..errors import InputError, OutputError, UsageError
 from .arguments import add_limit, choose, direction, finite, guess, names, whole
 from .terminal import complain, interruptible, progress, say
+
+SKY = "sky"
+TOWARDS_SUN = (0.4, 0.6, 0.7)  # 37° high, before the left shoulder of who looks along -Z
+SKY_GAIN = 3e-5  # a sun of 90 klx becomes one of some 3, as the lamp of files that bring none
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,Y,Z",
         help="light a file by one lamp alone, which shines in this direction",
     )
+    option(
+        "--environment",
+        metavar="FILE",
+        help="the surroundings: an equirectangular .hdr or .exr, or sky; they light a file that has no lights",
+    )
+    option("--environment-rotation", type=finite, metavar="DEG", help="turn it counter-clockwise, seen from above")
     option("--dither", action="store_true", help="hide the steps of slow ramps under noise of one code")
     option("--supersample", type=whole(1, 8), default=1, metavar="N", help="N x N samples per pixel (default: 1)")
     option(
@@ -88,10 +100,12 @@ def _check(arguments: argparse.Namespace) -> None:
     if (samples := width * height * n * n) > limits.picture_samples:
         asked = f"{width} x {height} pixels with {n} x {n} samples are {samples} samples"
         exceed("picture_samples", limits.picture_samples, None, "", asked)
+    _check_environment(arguments.environment, arguments.environment_rotation)
     paths = [arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)]
     for path in [*paths, *([arguments.exr] if arguments.exr else [])]:
-        if os.path.exists(path) and os.path.exists(arguments.scene) and os.path.samefile(path, arguments.scene):
-            raise OutputError(path, "", "is the scene itself; choose another name")
+        for name, what in ((arguments.scene, "scene"), (arguments.environment or "", "environment")):
+            if os.path.exists(path) and os.path.exists(name) and os.path.samefile(path, name):
+                raise OutputError(path, "", f"is the {what} itself; choose another name")
     for path in paths:
         check_save(path)
     if arguments.exr:
@@ -102,13 +116,30 @@ def _check(arguments: argparse.Namespace) -> None:
         check_exr(arguments.exr)
 
 
+def _check_environment(name: str | None, rotation: float | None) -> None:
+    """Refuse surroundings that cannot be read, as far as it can be known without reading them."""
+    from ..io.light import SUFFIXES
+
+    if name is None and rotation is not None:
+        raise UsageError(None, "--environment-rotation", "turns what --environment names; add it")
+    if name in (None, SKY):
+        return
+    if not os.path.exists(name):
+        raise InputError(name, "", f"neither a file nor {SKY!r}")
+    if os.path.splitext(name)[1].lower() not in SUFFIXES:
+        raise InputError(name, "", f"unknown format of light; known are {', '.join(SUFFIXES)}")
+
+
 def _aov_path(output: str, name: str) -> str:
     """`folder/picture.png` -> `folder/picture.depth.png`."""
     return str(pathlib.Path(output).with_suffix(f".{name}.png"))
 
 
 def _load(arguments: argparse.Namespace):
-    """The scene and camera: built in if the name is one of those, else from the file."""
+    """The scene and camera: built in if the name is one of those, else from the file; and surroundings, if asked for.
+
+    Files are read before surroundings are prepared, which takes longer.
+    """
     from ..io.load import load
     from ..scenes import SCENES
 
@@ -118,17 +149,34 @@ def _load(arguments: argparse.Namespace):
             value = getattr(arguments, option)
             if value is not None and value is not False:
                 raise UsageError(None, f"--{option.replace('_', '-')}", f"is for files; {name!r} is built in")
-        return SCENES[name]()
-    if not os.path.exists(name) and not os.path.splitext(name)[1]:
+        scene, camera = SCENES[name]()
+    elif not os.path.exists(name) and not os.path.splitext(name)[1]:
         raise InputError(name, "", f"neither a file nor a built-in scene{guess(name, SCENES)}")
-    return load(
-        name,
-        camera=arguments.camera or 0,
-        light_direction=arguments.light_direction,
-        repair=arguments.repair,
-        strict=arguments.strict,
-        limits=arguments.limits,
-    )
+    else:
+        scene, camera = load(
+            name,
+            camera=arguments.camera or 0,
+            light_direction=arguments.light_direction,
+            environment=(0.0, 0.0, 0.0) if arguments.environment else None,
+            repair=arguments.repair,
+            strict=arguments.strict,
+            limits=arguments.limits,
+        )
+    if arguments.environment:
+        scene = dataclasses.replace(scene, environment=_environment(arguments))
+    return scene, camera
+
+
+def _environment(arguments: argparse.Namespace):
+    """The surroundings that were asked for, turned."""
+    from ..environment.prepare import prepare
+    from ..environment.sky import sky
+    from ..io.environment import read_environment, surroundings
+
+    rotation = math.radians(arguments.environment_rotation or 0.0)
+    if arguments.environment == SKY:
+        return surroundings(prepare(*sky(TOWARDS_SUN, height=256, width=512, gain=SKY_GAIN), rotation))
+    return surroundings(read_environment(arguments.environment, rotation=rotation, limits=arguments.limits))
 
 
 @contextlib.contextmanager

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from ..scene import CLAMP, FIRST, LINEAR, MIRROR, NEAREST, REPEAT, Textures, pack_textures
-from ..stack import UNMAPPED
+from ..scene import CLAMP, FIRST, LINEAR, MIRROR, NEAREST, REPEAT, Textures
+from ..stack import UNMAPPED, pack_textures
 from .gltf_accessor import read_view
 from .gltf_container import Document, read_uri
 from .image import read_image, srgb_to_linear

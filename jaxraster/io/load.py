@@ -9,14 +9,15 @@ from jaxtyping import Float
 
 from ..errors import AssetWarning, InputError, LimitError, UsageError
 from ..scene import Camera, Scene
-from .asset import LARGEST
+from ..stack import stack_lights
 from .disk import Path, check_file, suffix_of
-from .exr import check_exr, read_exr_light, write_exr
+from .environment import Surroundings, surroundings
+from .exr import check_exr, write_exr
 from .gltf import read_gltf
 from .image import check_writable, write_image
 from .mesh import read_mesh
-from .radiance import read_hdr, write_hdr
-from .reading import DEFAULT, Limits, Reading
+from .radiance import write_hdr
+from .reading import Limits, Reading
 from .rig import frame_camera, key_direction, key_light, sky
 
 READERS = dict.fromkeys((".gltf", ".glb"), read_gltf) | dict.fromkeys((".obj", ".ply", ".stl", ".off"), read_mesh)
@@ -27,6 +28,7 @@ def load(
     *,
     camera: int = 0,
     light_direction: Iterable | None = None,
+    environment: Surroundings | None = None,
     repair: bool = False,
     strict: bool = False,
     limits: Limits | None = None,
@@ -36,6 +38,10 @@ def load(
     A file without cameras gets one that frames it. A file with lights has these alone; one without gets a warm key
     light from the camera's upper left and a two-tone environment. `light_direction`, three numbers along which the
     light travels, replaces all lights by such a rig. What is ignored is said by one `AssetWarning` each.
+
+    `environment` takes the place of those surroundings, and a file without lights is then lit by it alone: a path to a
+    picture of all directions (.hdr, .exr; see `read_environment`), a colour of three numbers (linear Rec.709, cd/m²),
+    an `EnvironmentMap` or an `Environment`.
 
     What is broken raises an `InputError`; `repair` drops it instead and counts it in a warning, `strict` refuses even
     what could be put right without loss. More than the `limits` allow raises a `LimitError` that names the limit.
@@ -62,13 +68,13 @@ def load(
         )
         raise UsageError(file, "", f"camera {camera} is not there; {has}")
     view = cameras[camera]
-    if light_direction is None and asset.lights is not None:
-        lights, environment = asset.lights, sky(0.0)
-    else:
+    lights, around = asset.lights, None if environment is None else surroundings(environment, limits or Limits())
+    if light_direction is not None or (lights is None and around is None):
         lights = key_light(key_direction(view) if light_direction is None else light_direction)
-        environment = sky()
+        around = around or sky()
+    lights, around = lights or stack_lights(), around or sky(0.0)
     scene = Scene(
-        mesh=asset.mesh, materials=asset.materials, textures=asset.textures, lights=lights, environment=environment
+        mesh=asset.mesh, materials=asset.materials, textures=asset.textures, lights=lights, environment=around
     )
     return scene, view
 
@@ -82,32 +88,6 @@ def _direction(given: Iterable) -> Float[np.ndarray, "3"]:
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise UsageError(None, "light_direction", f"expected three numbers, not all zero, got {given!r:.60}")
     return direction / np.abs(direction).max()
-
-
-def read_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
-    """Linear radiance in a Radiance (.hdr, .pic) or EXR file, finite and not negative, and what was put right.
-
-    Texels that are not finite become black, negative values 0, values above 1.844e18 that: each noted with its count.
-    """
-    file, suffix = os.fspath(path), suffix_of(path)
-    if suffix in (".hdr", ".pic"):
-        light, notes = read_hdr(path, limits), ()
-    elif suffix == ".exr":
-        light, notes = read_exr_light(path, limits)
-    else:
-        raise InputError(file, "", f"unknown format of light {suffix!r}; known are .hdr, .pic, .exr")
-
-    lost = ~np.isfinite(light).all(axis=-1, keepdims=True)
-    light = np.where(lost, np.float32(0), light)
-    counts = {
-        "are not finite; they become black": lost,
-        "are negative; they become 0": (light < 0).any(axis=-1),
-        f"are above {LARGEST:g}; they become that": (light > LARGEST).any(axis=-1),
-    }
-    notes += tuple(f"{mask.sum()} of {mask.size} texels {what}" for what, mask in counts.items() if mask.any())
-    if not light.any():
-        notes += ("it is black all over",)
-    return np.clip(light, 0, np.float32(LARGEST)), notes
 
 
 LINEAR = (".hdr", ".exr")  # the suffixes of files that hold light, not codes for a display

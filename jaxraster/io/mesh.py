@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import InputError
-from ..scene import pack_textures
-from ..stack import stack_materials
+from ..stack import pack_textures, stack_materials
 from .asset import LARGEST, Asset, Piece, join_pieces, unit
 from .disk import Path, read_file, suffix_of
 from .obj import GREY, WHITE, Polygons, decode, quote, read_obj, read_off, to_linear

@@ -1,25 +1,31 @@
 """The environment itself, where the camera sees no surface.
 
-Radiance in cd/m², drawn as a lobe of width `blurriness` would gather it: 0 is the bare two tones with their hard
-horizon, 1 a soft gradient. Does not affect: surfaces and the light on them.
+Radiance in cd/m². The two tones are drawn as a lobe of width `blurriness` would gather them: 0 is bare, with their hard
+horizon, 1 a soft gradient. A map is drawn on top, sharp: bilinear between its texels, so that one with more texels than
+the picture has pixels is best drawn with `Plan.supersample`. Suns that were cut out of it are drawn as the discs that
+they are. Does not affect: surfaces and the light on them.
 
-Gradient: exact in tones, camera and blurriness.
+Gradient: exact in tones, texels, suns, rotation, camera and blurriness.
 Source: the blur is `ambient`'s.
 """
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
+from ..environment.equirect import lookup, turned
 from ..math import safe
 from ..math.transform import multiply
 from ..record import Scalar, record
-from ..scene import Camera, Environment
+from ..scene import Camera, Directional, Environment
 from .ambient import tones
+
+RADIUS = 0.00465  # rad, of the sun's disc seen from the earth
 
 
 @record
 class Background:
-    """`blurriness` in [0, 1], the alpha of the lobe that blurs the horizon; `gain` multiplies both tones."""
+    """`blurriness` in [0, 1], the alpha of the lobe that blurs the horizon; `gain` multiplies all of it."""
 
     blurriness: Scalar = 0.5
     gain: Scalar = 1.0
@@ -41,10 +47,28 @@ def rays(camera: Camera, *, height: int, width: int) -> Float[Array, "h w 3"]:
     return safe.normalize(turned).reshape(height, width, 3)
 
 
+def _discs(suns: Directional, direction: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
+    """Radiance of suns seen as discs of RADIUS, their edges as wide as a tenth of it."""
+
+    def add(total, sun):
+        towards, irradiance = sun
+        # By the chord: single precision leaves the cosine of so small an angle two digits.
+        chord = direction + jnp.broadcast_to(safe.normalize(towards), direction.shape)
+        share = jnp.clip(0.5 + (1.0 - safe.dot(chord, chord) / RADIUS**2) / 0.2, 0.0, 1.0)
+        radiance = irradiance / (jnp.pi * RADIUS**2)
+        return total + share[..., None] * jnp.broadcast_to(radiance, direction.shape), None
+
+    return lax.scan(add, jnp.zeros_like(direction), (suns.direction, suns.irradiance))[0]
+
+
 def background(
     camera: Camera, environment: Environment, settings: Background, *, height: int, width: int
 ) -> Float[Array, "h w 3"]:
     """Radiance behind everything."""
     direction = rays(camera, height=height, width=width)
     alpha = jnp.broadcast_to(jnp.asarray(settings.blurriness, direction.dtype), direction.shape[:-1])
-    return settings.gain * tones(environment, direction, alpha)
+    radiance = tones(environment, direction, alpha)
+    if environment.map is not None:
+        there = turned(direction, -environment.map.rotation)
+        radiance += lookup(environment.map.texels, there) + _discs(environment.map.suns, there)
+    return settings.gain * radiance

@@ -19,14 +19,19 @@ from ..light.background import Background
 from ..light.emission import Emission
 from ..light.shadow_frame import NARROW, WIDE
 from ..light.shadow_map import ShadowMap
+from ..light.sunlit import sunlit
 from ..parameters import matches, parameters
 from ..plan import Plan
 from ..scene import AREA_KINDS, BLEND, LIGHT_KINDS, MASK, OPAQUE, TEXTURE_SLOTS, Camera, Scene, check_scene
+from ..screen.horizon import HorizonAO
 from ..surface.opacity import CUTOFF
 from ..visibility.layers import Layers
-from .shadow import Light, members, plan_shadows, views
+from .occluders import may_darken
+from .shadow import Light, View, members, plan_shadows, views
 from .transparent import cut_out, shows_through
 
+MAP = ("texels", "harmonics", "irradiance", "specular")  # what an environment's map lights surfaces with
+ROUGH = 0.98  # from here on a lobe gathers linear light within 1 % of what the cosine does: 0.673 against 2/3
 STRENGTH = {"directional": "irradiance", "point": "intensity", "spot": "intensity"}
 
 
@@ -40,8 +45,10 @@ class Reason(NamedTuple):
 class _Facts:
     """Concrete values of a scene, and whether they can matter: not zero, or differentiated."""
 
-    def __init__(self, scene: Scene, camera: Camera, wrt: Sequence[str]):
+    def __init__(self, scene: Scene, camera: Camera, wrt: Sequence[str], asked: Plan):
+        scene = replace(scene, lights=sunlit(scene.lights, scene.environment))
         self.scene, self.camera, self.wrt = jax.tree.map(np.asarray, scene), camera, wrt
+        self.size, self.cull = {"height": asked.height, "width": asked.width}, asked.cull
         self.used = np.unique(self.scene.mesh.material)
 
     def differentiated(self, name: str) -> bool:
@@ -71,7 +78,8 @@ class _Facts:
         """Which lights of a kind can shine."""
         name = STRENGTH[kind]
         values = getattr(getattr(self.scene.lights, kind), name)
-        return (values != 0).any(axis=-1) | self.differentiated(f"lights.{kind}.{name}")
+        suns = kind == "directional" and self.differentiated("environment.map.suns.irradiance")
+        return (values != 0).any(axis=-1) | self.differentiated(f"lights.{kind}.{name}") | suns
 
     def area_kinds(self) -> tuple[str, ...]:
         """The kinds of lights with an area that can shine."""
@@ -87,12 +95,31 @@ class _Facts:
         names = ("scene.mesh.vertices", "camera.world_from_view", "camera.clip_from_view")
         names += ("scene.lights.directional.direction", "scene.lights.point.position")
         names += ("scene.lights.spot.position", "scene.lights.spot.direction")
+        names += ("scene.environment.map.suns.direction", "scene.environment.map.rotation")
         return any(matches(name, pattern) for name in names for pattern in self.wrt)
 
     def surroundings(self) -> bool:
-        names = ("sky", "ground")
-        lit = any((getattr(self.scene.environment, name) != 0).any() for name in names)
-        return lit or any(self.differentiated(f"environment.{name}") for name in names)
+        """Whether light comes from all around."""
+        around = self.scene.environment
+        values = {"sky": around.sky, "ground": around.ground}
+        if around.map is not None:
+            values |= {f"map.{name}": getattr(around.map, name) for name in MAP}
+        return any((value != 0).any() or self.differentiated(f"environment.{n}") for n, value in values.items())
+
+    def smooth(self) -> bool:
+        """Whether a material in use mirrors more sharply than the widest lobe."""
+        materials = self.scene.materials
+        rough = (materials.roughness[..., self.used] >= ROUGH).all() and not self.textured("metallic_roughness").any()
+        coated = materials.clearcoat is not None and (materials.clearcoat[..., self.used, 0] != 0).any()
+        names = ("materials.roughness", "materials.clearcoat")
+        return bool(not rough or coated) or any(self.differentiated(name) for name in names)
+
+    @functools.cached_property
+    def views(self) -> list[View]:
+        """What each camera sees."""
+        mesh = self.scene.mesh
+        culled = self.cull & ~self.scene.materials.double_sided[mesh.material]
+        return views(mesh.vertices, mesh.faces, culled, self.camera, self.size)
 
 
 def _layers(facts: _Facts) -> tuple[Layers | None, Reason]:
@@ -135,7 +162,7 @@ def _texture_slot(facts: _Facts, slot: str, ambient: bool) -> Reason:
     return Reason(True, f"fetched by {count} material{'s' if count > 1 else ''}")
 
 
-def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | None, Reason]:
+def _shadow(facts: _Facts, shading: str) -> tuple[ShadowMap | None, Reason]:
     if shading == "local":
         return None, Reason(False, "local shading has no visibility of lights")
     lights = []
@@ -151,9 +178,30 @@ def _shadow(facts: _Facts, plan_size: dict, shading: str) -> tuple[ShadowMap | N
     if not lights:
         return None, Reason(False, "no light that throws shadows shines")
     moves = facts.moves()
-    seen = [] if moves else views(facts.scene.mesh.vertices, facts.scene.mesh.faces, facts.camera, plan_size)
-    settings, why = plan_shadows(lights, seen, moves)
+    settings, why = plan_shadows(lights, [] if moves else facts.views, moves)
     return settings, Reason(settings is not None, why)
+
+
+def _occlusion(facts: _Facts, lit: bool, shading: str) -> Reason:
+    if shading == "local":
+        return Reason(False, "local shading has no visibility of lights")
+    if not lit:
+        return Reason(False, "it darkens ambient light alone, and there is none")
+    if facts.moves():
+        return Reason(True, "what is differentiated may move something before the sky of a surface in view")
+    verdicts = {may_darken(v.triangles, v.receivers, v.culled, v.eye, v.size) for v in facts.views}
+    if True in verdicts:
+        return Reason(True, "something rises above a surface in view and hides some of its sky")
+    if None in verdicts:
+        return Reason(True, "too many faces to prove that none rises above a surface in view")
+    return Reason(False, "nothing rises above any surface in view")
+
+
+def _specular(facts: _Facts) -> Reason:
+    if facts.scene.environment.map is None:
+        return Reason(False, "the environment has no map to mirror")
+    smooth = facts.smooth()
+    return Reason(smooth, f"{'a' if smooth else 'no'} material in use is smoother than a roughness of {ROUGH}")
 
 
 def _concrete(scene: Scene, camera: Camera) -> None:
@@ -184,7 +232,7 @@ def plan_for(
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     parameters({"scene": scene, "camera": camera}, wrt)
     asked = Plan(height=height, width=width, **settings)
-    facts = _Facts(scene, camera, wrt)
+    facts = _Facts(scene, camera, wrt, asked)
     reasons: dict[str, Reason] = {}
 
     # Decide on light first: what it reaches decides the rest.
@@ -201,14 +249,16 @@ def plan_for(
         reasons[f"light {kind}"] = Reason(
             bool(shining), f"{count} in the scene" + ("" if shining or not count else ", all black")
         )
-    shadow, reasons["shadow_map"] = _shadow(facts, {"height": height, "width": width}, asked.shading)
+    shadow, reasons["shadow_map"] = _shadow(facts, asked.shading)
     unlit = facts.scene.materials.unlit
     emits = facts.material("emissive").any() or (unlit is not None and unlit[facts.used].any())
     kinds = () if asked.shading == "local" else facts.area_kinds()
     glowing = f"lights with an area: {', '.join(kinds)}" if kinds else "no light with an area shines"
     reasons["area"] = Reason(bool(kinds), glowing)
     reasons["emission"] = Reason(bool(emits), f"{'a' if emits else 'no'} material in use emits light")
+    reasons["occlusion"] = _occlusion(facts, lit and asked.ambient is not None, asked.shading)
     reasons["ambient"] = Reason(lit, f"the environment {tones}")
+    reasons["ambient specular"] = _specular(facts)
     reasons["background"] = Reason(lit, f"the environment {tones}")
     reasons["dither"] = Reason(False, "only on request")
 
@@ -220,7 +270,8 @@ def plan_for(
         "shadow_map": shadow,
         "area": Area(kinds=kinds) if kinds else None,
         "emission": Emission() if emits else None,
-        "ambient": Ambient() if lit else None,
+        "occlusion": HorizonAO() if reasons["occlusion"].on else None,
+        "ambient": Ambient(specular=reasons["ambient specular"].on) if lit else None,
         "background": Background() if lit else None,
     }
     plan = replace(asked, **{name: value for name, value in chosen.items() if name not in settings})

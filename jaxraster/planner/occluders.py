@@ -1,4 +1,4 @@
-"""Whether any surface in view can be shadowed at all: a proof on the host, on concrete geometry.
+"""Whether any surface in view can be shadowed, or its sky hidden, at all: a proof on the host, on concrete geometry.
 
 A face shadows another only if, seen along the light or from the lamp, the two overlap, and it reaches above the
 other's plane. Faces in view are first cut to the camera's frustum; the answer errs towards "yes".
@@ -135,5 +135,31 @@ def lamp_may_shadow(
                 edge = edge / length * (-1.0 if edge @ middle > 0 else 1.0)
                 outside |= (away @ edge).min(axis=1) > allowed
         if not outside.all():
+            return True
+    return False if stride == 1 else None
+
+
+def may_darken(
+    triangles: np.ndarray,
+    receivers: list[tuple[int, np.ndarray]],
+    culled: np.ndarray,
+    eye: np.ndarray,
+    size: float,
+    pairs: int = MAX_PAIRS,
+) -> bool | None:
+    """Whether any of the faces reaches above a receiver's plane, on the side of the eye; None if too many to tell.
+
+    The backs of faces that are `culled` receive nothing. `eye` is a place and 1, or the direction back to a camera
+    without perspective and 0.
+    """
+    stride = max(1, -(-len(receivers) * len(triangles) // pairs))
+    corners, normals = triangles.reshape(-1, 3), _planes(triangles)
+    for face, _ in receivers[::stride]:
+        place = triangles[face, 0]
+        behind = normals[face] @ (eye[:3] - eye[3] * place) < 0
+        if behind and culled[face]:
+            continue
+        normal = -normals[face] if behind else normals[face]
+        if ((corners - place) @ normal).max() > RELATIVE_GAP * size:
             return True
     return False if stride == 1 else None

@@ -38,6 +38,8 @@ class View(NamedTuple):
 
     triangles: np.ndarray
     receivers: list
+    culled: np.ndarray  # of each triangle, whether its back is not drawn
+    eye: np.ndarray  # a place and 1, or the direction back to a camera without perspective and 0
     size: float
     places: np.ndarray  # `[n, 3]` of some of the receivers,
     pixels: np.ndarray  # how large a pixel is there, in metres,
@@ -50,9 +52,10 @@ def members(batch: np.ndarray, axes: int) -> np.ndarray:
     return batch.reshape(math.prod(batch.shape[:lead]), *batch.shape[lead:])
 
 
-def _view(corners: np.ndarray, faces: np.ndarray, matrix: np.ndarray, lens: np.ndarray, height: int) -> View:
+def _view(corners, faces, culled, pose, matrix, lens, *, height: int) -> View:
     triangles = corners[faces].astype(np.float64)
-    triangles = triangles[np.isfinite(triangles).all(axis=(1, 2))]
+    finite = np.isfinite(triangles).all(axis=(1, 2))
+    triangles, culled = triangles[finite], culled[finite]
     fitted = triangles.reshape(-1, 3)
     size = float(np.linalg.norm(np.ptp(fitted, axis=0))) if len(fitted) else 0.0
     receivers = visible_polygons(triangles, matrix)
@@ -61,17 +64,17 @@ def _view(corners: np.ndarray, faces: np.ndarray, matrix: np.ndarray, lens: np.n
     w = np.maximum(places @ matrix[3, :3] + matrix[3, 3], 1e-30)  # a place in view has a w above 0
     pixels = w * 2.0 / (height * abs(float(lens[1, 1])))
     areas = [np.linalg.norm(np.cross(*(polygon[1:3] - polygon[0]))) for _, polygon in some]
-    return View(triangles, receivers, size, places, pixels, np.array(areas) / pixels**2)
+    eye = np.append(pose[:3, 3], 1.0) if lens[3, 2] != 0 else np.append(pose[:3, 2], 0.0)
+    return View(triangles, receivers, culled, eye, size, places, pixels, np.array(areas) / pixels**2)
 
 
-def views(vertices: np.ndarray, faces: np.ndarray, camera: Camera, size: dict) -> list[View]:
-    """What each camera sees of each mesh of a batch."""
+def views(vertices: np.ndarray, faces: np.ndarray, culled: np.ndarray, camera: Camera, size: dict) -> list[View]:
+    """What each camera sees of each mesh of a batch; of some faces the back is `culled`."""
     matrices = np.asarray(clip_from_world(camera, **size), np.float64)
-    lenses = members(np.broadcast_to(camera.clip_from_view, matrices.shape), 2)
-    meshes = members(vertices, 2)
-    return [
-        _view(mesh, faces, m, lens, size["height"]) for mesh in meshes for m, lens in zip(members(matrices, 2), lenses)
-    ]
+    parts = (camera.world_from_view, matrices, camera.clip_from_view)
+    cameras = list(zip(*(members(np.broadcast_to(part, matrices.shape), 2) for part in parts)))
+    height, meshes = size["height"], members(vertices, 2)
+    return [_view(mesh, faces, culled, *one, height=height) for mesh in meshes for one in cameras]
 
 
 def _quantile(values: np.ndarray, weights: np.ndarray) -> float:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from ..scene import Camera, Mesh, Scene, pack_textures
-from ..stack import stack_lights, stack_materials
+from ..scene import Camera, Mesh, Scene
+from ..stack import pack_textures, stack_lights, stack_materials
 from .parts import camera, environment
 
 # The measured box, in its own units (mm): quads counter-clockwise from inside, blocks by their top corners seen from

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..geometry import shapes
-from ..scene import Camera, Mesh, Scene, pack_textures
-from ..stack import stack_lights, stack_materials
+from ..scene import Camera, Mesh, Scene
+from ..stack import pack_textures, stack_lights, stack_materials
 from .parts import GOLD, at, camera, environment, tiled
 from .patterns import planks, weave
 

@@ -12,7 +12,8 @@ import pytest
 from jaxraster.buffers import Stats, Visibility
 from jaxraster.camera import Camera
 from jaxraster.math.transform import orbit, perspective
-from jaxraster.scene import CLAMP, FIRST, LINEAR, NEAREST, REPEAT, pack_textures
+from jaxraster.scene import CLAMP, FIRST, LINEAR, NEAREST, REPEAT
+from jaxraster.stack import pack_textures
 from jaxraster.surface.texture import texture
 from jaxraster.visibility.barycentric import interpolate
 from jaxraster.visibility.nvdiffrast import from_nvdiffrast, to_nvdiffrast

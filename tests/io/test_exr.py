@@ -16,7 +16,8 @@ from watch import SOON, watched
 
 from jaxraster.errors import Error, InputError, LimitError, OutputError
 from jaxraster.io.exr import read_exr, read_exr_light, write_exr
-from jaxraster.io.load import read_light, save
+from jaxraster.io.light import read_light
+from jaxraster.io.load import save
 from jaxraster.io.reading import Limits
 
 OpenEXR = pytest.importorskip("OpenEXR")

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from watch import SOON, watched
 
 from jaxraster.errors import Error, InputError, LimitError, OutputError
-from jaxraster.io.load import read_light, save
+from jaxraster.io.light import read_light
+from jaxraster.io.load import save
 from jaxraster.io.radiance import LARGEST, read_hdr, write_hdr
 from jaxraster.io.reading import Limits
 

@@ -17,8 +17,9 @@ from jaxraster.math.transform import invert_rigid, look_at, perspective
 from jaxraster.plan import Plan
 from jaxraster.render import render
 from jaxraster.resolve import resolve
-from jaxraster.scene import Camera, pack_textures
+from jaxraster.scene import Camera
 from jaxraster.scenes import stage
+from jaxraster.stack import pack_textures
 from jaxraster.surface.material import metallic_roughness
 from jaxraster.surface.texture import texture
 from jaxraster.visibility.barycentric import interpolate

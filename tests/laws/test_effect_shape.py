@@ -10,11 +10,11 @@ import pytest
 
 
 def effects() -> dict[str, type]:
-    """The plan's fields of type `Effect | None`, and their records."""
+    """The plan's fields of type `Effect | None`, or one of several effects, and their records."""
     plan = importlib.import_module("jaxraster.plan").Plan
     kinds = {name: typing.get_args(hint) for name, hint in typing.get_type_hints(plan).items()}
     return {
-        name: kind
+        f"{name}: {kind.__name__}": kind
         for name, kinds_of in kinds.items()
         for kind in kinds_of
         if type(None) in kinds_of and dataclasses.is_dataclass(kind)

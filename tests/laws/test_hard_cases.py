@@ -9,7 +9,8 @@ def test_the_page_is_what_the_tests_say():
 
 def test_every_case_has_a_row():
     expected = {f"R{number}" for number in range(1, 22)} | {f"I{number}" for number in range(1, 13)}
-    expected |= {f"V{number}" for number in range(1, 13)}
+    expected |= {f"V{number}" for number in range(1, 13)} | {f"E{number}" for number in range(1, 11)}
+    expected |= {f"A{number}" for number in range(1, 8)}
     assert {id for id, *_ in rows()} == expected
     assert len(rows()) == len(ELSEWHERE) + len(decorated()) == len(set(rows()))
 

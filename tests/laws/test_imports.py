@@ -14,12 +14,12 @@ PACKAGE = ROOT / "jaxraster"
 # Left may not import right; names between two "<" are peers.
 LAW = """
 record errors math check < camera scene buffers < stack < parameters geometry < visibility < surface < brdf
-< light < screen < resolve < post < display < metrics < plan < scenes render < reference < bake
+< environment < light < screen < resolve < post < display < metrics < plan < scenes render < reference < bake
 < study planner probe inverse < cli < __main__
 """
 RANK = {name: rank for rank, group in enumerate(LAW.split("<")) for name in group.split()}
 # Reading and writing files is beside the order: it sees little, and only the outermost layers see it.
-IO_SEES = {"io", "record", "errors", "scene", "stack", "geometry", "math"}
+IO_SEES = {"io", "record", "errors", "scene", "stack", "geometry", "math", "environment"}
 SEES_IO = {"io", "study", "planner", "probe", "inverse", "cli"}
 OWN = {*RANK, "io"}
 

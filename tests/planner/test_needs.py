@@ -1,6 +1,7 @@
 """The planner's rules: each fires, each misses by a hair, and the picture is never another than with everything on."""
 
 import dataclasses
+import functools
 import re
 
 import hypothesis
@@ -13,13 +14,14 @@ from hypothesis import strategies as st
 from small import AWAY, BOX, CARD, COLOUR_TEXTURE, FLOOR, HEIGHT, NORMAL_TEXTURE, WALL, WIDTH
 
 from jaxraster.display.dither import Dither
+from jaxraster.environment.prepare import prepare
 from jaxraster.geometry import shapes
 from jaxraster.light.ambient import Ambient
 from jaxraster.light.shadow_map import ShadowMap
 from jaxraster.parameters import parameters
 from jaxraster.plan import Plan
-from jaxraster.planner import Reason, explain, plan_for, shadow
-from jaxraster.scene import BLEND, LIGHT_KINDS, MASK, TEXTURE_SLOTS, Scene
+from jaxraster.planner import Reason, explain, occluders, plan_for, shadow
+from jaxraster.scene import BLEND, LIGHT_KINDS, MASK, TEXTURE_SLOTS, Directional, Scene
 from jaxraster.scenes import SCENES, parts
 from jaxraster.stack import stack_lights
 from jaxraster.visibility.layers import Layers
@@ -324,6 +326,83 @@ def test_a_shadow_s_filter_reaches_no_farther_than_planned():
         planned[distance] = reasons["shadow_map"].on
     assert all(planned[distance] for distance in darkened if darkened[distance]), (darkened, planned)
     assert darkened[1.8] and not darkened[2.5] and not planned[6.0]
+
+
+# What may hide the sky of what is in view.
+BALL = parts.at(shapes.icosphere(0.5, 2), 0.0, 0.5, 0.0, FLOOR)
+DARKENED = {
+    "a lone plane": (False, [GROUND]),
+    "a lone plane from below": (False, [plane(0.0, 4.0, size=4.0)]),
+    "two halves of a plane": (False, [plane(-1.0, size=2.0), plane(1.0, size=2.0)]),
+    "a lone box": (False, [parts.at(shapes.box(), 0.0, 0.5, 0.0, FLOOR)]),
+    "a lone ball": (False, [BALL]),
+    "a ball on a plane": (True, [BALL, GROUND]),
+    "a folded plane": (True, [GROUND, plane(0.0, 1.0, -2.0, size=2.0, pitch=90.0)]),
+    "a plane above": (True, [GROUND, HOVERING]),
+    "a plane below, out of view": (False, [GROUND, plane(0.0, -20.0, 40.0)]),
+    "nothing at all": (False, []),
+    "a broken plane": (False, [GROUND, NOWHERE]),
+}
+
+
+@pytest.mark.parametrize("case", DARKENED)
+def test_occlusion_is_planned_where_something_can_hide_the_sky(case):
+    on, meshes = DARKENED[case]
+    scene = dataclasses.replace(small.scene(sky=1.0), mesh=shapes.merge(meshes))
+    plan, reasons = plan_for(scene, CAMERA, **SIZE)
+    assert (reasons["occlusion"].on, plan.occlusion is not None) == (on, on), reasons["occlusion"].why
+    dark = dataclasses.replace(scene, environment=small.scene().environment)
+    assert not needs(dark)["occlusion"].on
+    assert not plan_for(scene, CAMERA, **SIZE, ambient=None)[1]["occlusion"].on
+    assert not plan_for(scene, CAMERA, **SIZE, shading="local")[1]["occlusion"].on
+    assert needs(scene, wrt=("mesh.vertices",))["occlusion"].on
+
+
+def test_too_many_faces_to_prove_are_presumed_to_hide_the_sky(monkeypatch):
+    monkeypatch.setattr("jaxraster.planner.needs.may_darken", functools.partial(occluders.may_darken, pairs=8))
+    scene = dataclasses.replace(small.scene(sky=1.0), mesh=BALL)
+    assert "too many faces to prove" in needs(scene)["occlusion"].why
+
+
+def surrounded(rows=({},) * 5, texels=1.0, suns=None, rotation=0.0) -> Scene:
+    """The scene in surroundings of one colour, and perhaps suns."""
+    made = small.scene(rows)
+    texels = jnp.full((4, 8, 3), texels)
+    return dataclasses.replace(
+        made, environment=dataclasses.replace(made.environment, map=prepare(texels, suns, rotation))
+    )
+
+
+def test_a_map_lights_what_it_surrounds():
+    reasons = needs(surrounded())
+    assert reasons["ambient"].on and reasons["background"].on
+    reasons = needs(surrounded(texels=0.0))
+    assert not reasons["ambient"].on and not reasons["background"].on
+    assert needs(surrounded(texels=0.0), wrt=("environment.map.texels",))["background"].on
+
+
+def test_a_map_is_mirrored_by_what_is_smooth_alone():
+    rough = [{"roughness": 1.0}] * 5
+    for rows_of, on in {
+        "rough": (rough, False),
+        "hardly smoother": ([{"roughness": 0.979}, *rough[1:]], True),
+        "textured": ([{"roughness": 1.0, "metallic_roughness_texture": 0}, *rough[1:]], True),
+        "coated": ([{"roughness": 1.0, "clearcoat": (1e-6, 1.0)}, *rough[1:]], True),
+        "unused": ([*rough[:4], {"roughness": 0.0}], False),
+    }.values():
+        plan, reasons = plan_for(surrounded(rows_of), CAMERA, **SIZE)
+        assert (plan.ambient.specular, reasons["ambient specular"].on) == (on, on)
+    assert needs(surrounded(rough), wrt=("materials.roughness",))["ambient specular"].on
+    assert "no map" in needs(small.scene(sky=1.0))["ambient specular"].why
+
+
+def test_a_sun_of_the_surroundings_is_a_light_with_a_shadow():
+    sun = Directional(direction=jnp.array([SLANTED]), irradiance=jnp.full((1, 3), 2.0))
+    plan, reasons = plan_for(surrounded(suns=sun), CAMERA, **SIZE)
+    assert reasons["light directional"].on and plan.shadow_map.directional == (2,)  # after the scene's own two
+    faint = dataclasses.replace(sun, irradiance=jnp.zeros((1, 3)))
+    assert not needs(surrounded(suns=faint))["light directional"].on
+    assert needs(surrounded(suns=faint), wrt=("environment.map.suns.irradiance",))["light directional"].on
 
 
 SMOOTH = white("metallic_roughness", 0.0)

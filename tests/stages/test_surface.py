@@ -11,9 +11,9 @@ from reference.visibility import faces_seen, visible
 from jaxraster.buffers import Visibility
 from jaxraster.geometry.shapes import plane
 from jaxraster.math.transform import look_at, orthographic, perspective
-from jaxraster.scene import Camera, Scene, pack_textures
+from jaxraster.scene import Camera, Scene
 from jaxraster.scenes.parts import at, environment
-from jaxraster.stack import stack_lights, stack_materials
+from jaxraster.stack import pack_textures, stack_lights, stack_materials
 from jaxraster.surface.gather import gather, view_direction
 from jaxraster.surface.material import MIN_N_DOT_V, face_viewer, material, metallic_roughness
 from jaxraster.surface.normal_map import normal_map

@@ -11,9 +11,9 @@ from reference.visibility import faces_seen, visible
 
 from jaxraster.geometry.shapes import plane
 from jaxraster.math.transform import orbit, perspective
-from jaxraster.scene import CLAMP, MIRROR, REPEAT, Camera, Scene, Textures, pack_textures
+from jaxraster.scene import CLAMP, MIRROR, REPEAT, Camera, Scene, Textures
 from jaxraster.scenes.parts import environment
-from jaxraster.stack import stack_lights, stack_materials
+from jaxraster.stack import pack_textures, stack_lights, stack_materials
 from jaxraster.surface.gather import gather
 from jaxraster.surface.texture import texture
 from jaxraster.visibility.project import project

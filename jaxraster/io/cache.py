@@ -1,0 +1,70 @@
+"""Prepared surroundings on the user's disk, so that a picture of all directions is prepared once.
+
+A file is named by the hash of all that it is made from: the bytes of the picture, and the sources that prepare it. What
+is out of date is never found, and nothing is ever put right in place.
+"""
+
+import hashlib
+import io
+import os
+import pathlib
+import sys
+import zipfile
+from collections.abc import Mapping
+from importlib import resources
+
+import numpy as np
+from jaxtyping import Shaped
+
+from ..errors import OutputError
+from .disk import write_file
+
+Arrays = Mapping[str, Shaped[np.ndarray, "..."]]
+MAKERS = ("environment", "math")  # the packages whose sources say what is in a prepared file
+
+
+def cache_folder() -> pathlib.Path:
+    """Where this system keeps what programs can make again: XDG_CACHE_HOME, or its own convention."""
+    home = pathlib.Path.home()
+    conventions = {"darwin": home / "Library" / "Caches", "win32": os.environ.get("LOCALAPPDATA", home)}
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    # The XDG base directory specification has relative paths ignored.
+    return pathlib.Path(given if os.path.isabs(given) else conventions.get(sys.platform, home / ".cache")) / "jaxraster"
+
+
+def cached_path(content: bytes, *options: object) -> pathlib.Path:
+    """Where what is made of a file's bytes with some options is kept, whether or not it is there."""
+    digest = hashlib.sha256(content)
+    digest.update(repr(options).encode())
+    package = __name__.split(".")[0]
+    for maker in MAKERS:
+        sources = (one for one in resources.files(f"{package}.{maker}").iterdir() if one.name.endswith(".py"))
+        for source in sorted(sources, key=lambda one: one.name):
+            digest.update(source.read_bytes())
+    return cache_folder() / f"{digest.hexdigest()}.npz"
+
+
+def store(path: pathlib.Path, arrays: Arrays) -> int:
+    """Put arrays there, whole or not at all, and return how many bytes they take."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(path.parent, "", f"cannot be made: {error.strerror}; set XDG_CACHE_HOME") from error
+    write_file(path, buffer.getvalue())
+    return buffer.tell()
+
+
+def fetch(path: pathlib.Path) -> Arrays | None:
+    """The arrays that were put there, or None for nothing; a `ValueError` for what is damaged."""
+    try:
+        if not path.is_file():
+            return None
+        with open(path, "rb") as file, np.load(file) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise ValueError(str(error) or type(error).__name__) from error

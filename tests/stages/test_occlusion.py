@@ -1,0 +1,196 @@
+"""Ambient occlusion on the screen against exact answers, and where it must not be seen."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import small
+from height_fields import FLOOR, SIDE, WALL, camera, cast, pit
+from pointwise import check_calls, check_finite, check_slopes, product
+
+import jaxraster as jr
+from jaxraster.light.bounced import bounced
+from jaxraster.light.specular_occlusion import specular_occlusion
+from jaxraster.screen.arc import arc, arccos, mean_direction
+from jaxraster.screen.horizon import HorizonAO, horizon
+from jaxraster.screen.ssao import SSAO, ssao
+from jaxraster.surface.gather import gather
+from jaxraster.surface.material import material
+
+SIZE, MIDDLE = 128, slice(62, 66)
+HORIZON, CLASSIC = jax.jit(horizon), jax.jit(ssao)
+FAR = HorizonAO(radius=jnp.inf, falloff=0.0)
+FINE = replace(FAR, slices=4, steps=32)
+PROJECTIONS = pytest.mark.parametrize("half_height", [None, 1.0], ids=["perspective", "parallel"])
+
+
+def visibility(surface, seen_by, settings=FAR) -> np.ndarray:
+    """Of either method, held against what is true of any."""
+    found = (CLASSIC if isinstance(settings, SSAO) else HORIZON)(surface, seen_by, settings)
+    shown = np.asarray(found.visibility)
+    assert np.isfinite(shown).all() and shown.min() >= 0 and shown.max() <= 1
+    np.testing.assert_allclose(np.linalg.norm(found.bent_normal, axis=-1), 1, atol=1e-5)
+    return shown
+
+
+# -- Exact answers -----------------------------------------------------------------------------------------------------
+
+
+@PROJECTIONS
+def test_the_foot_of_a_wall_sees_one_half(half_height):
+    """Less what the end of the picture cuts off the wall; and the bent normal leans away by half a right angle."""
+    above = camera((0, 2.5, 2.5), half_height=half_height)
+    surface = cast([FLOOR, WALL], above, SIZE)
+    found = HORIZON(surface, above, FAR)
+    np.testing.assert_allclose(np.asarray(found.visibility)[MIDDLE, 32:-32], 0.5, atol=0.05)
+    np.testing.assert_allclose(np.asarray(found.visibility)[63:65, 32:-32], 0.5, atol=0.03)
+    # ∫ ω (n·ω) over the quarter of a sphere between both planes is along 2/3 n + 2/(3π) … of the other plane's.
+    floor, wall = (np.asarray(found.bent_normal)[line, 64] for line in (64, 63))
+    assert abs(floor[0]) < 0.05 and floor[1] > floor[2] > 0.4 and wall[2] > wall[1] > 0.4
+
+
+def test_a_corner_sees_a_quarter():
+    """Within two pixels of it; the planes end with the picture, which leaves some light."""
+    above = camera((2.5, 2.5, 2.5))
+    shown = visibility(cast([FLOOR, WALL, SIDE], above, 2 * SIZE), above)
+    np.testing.assert_allclose(shown[SIZE - 2 : SIZE + 2, SIZE - 2 : SIZE + 2], 0.25, atol=0.03)
+
+
+@pytest.mark.parametrize(("radius", "depth"), [(1, 1), (1, 2), (2, 1)])
+def test_the_middle_of_a_pit_sees_its_mouth(radius, depth):
+    """R² / (R² + D²), by steps fine enough to meet the rim where it is."""
+    surface, above = pit(radius, depth, SIZE, 2.5 * radius)
+    shown = visibility(surface, above, FINE)
+    np.testing.assert_allclose(shown[MIDDLE, MIDDLE], radius**2 / (radius**2 + depth**2), atol=0.03)
+
+
+def test_the_whole_pipeline_sees_one_half_at_the_foot_of_a_wall():
+    mesh = jr.scenes.parts.at(jr.geometry.shapes.plane(20.0, 20.0), 0.0, 0.0, 0.0, 0)
+    wall = jr.scenes.parts.at(jr.geometry.shapes.plane(20.0, 20.0), 0.0, 0.0, 0.0, 0, pitch=90.0)
+    scene = replace(small.scene(), mesh=jr.geometry.shapes.merge([mesh, wall]))
+    above = camera((0, 2.5, 2.5))
+
+    @jax.jit
+    def shown(scene, above):
+        clip = jr.project(scene.mesh.vertices, above, height=SIZE, width=SIZE)
+        fragment = gather(scene, jr.rasterize(clip, scene.mesh.faces, height=SIZE, width=SIZE), clip, above)
+        return horizon(material(fragment, scene.materials, scene.textures, ()), above, FAR).visibility
+
+    np.testing.assert_allclose(np.asarray(shown(scene, above))[63:65, 32:-32], 0.5, atol=0.03)
+
+
+@pytest.mark.parametrize("method", [FAR, SSAO(radius=0.5)], ids=["horizon", "ssao"])
+def test_light_falls_towards_an_edge(method):
+    above = camera((0, 2.5, 2.5))
+    shown = visibility(cast([FLOOR, WALL], above, SIZE), above, replace(method, radius=0.5))[66::12, 64]
+    assert (np.diff(shown) > -0.02).all() and shown[0] < 0.8 and shown[-1] > 0.99
+
+
+# -- What does not matter ----------------------------------------------------------------------------------------------
+
+
+def test_occlusion_ends_at_the_radius_and_fades_before():
+    above = camera((0, 2.5, 2.5))
+    surface = cast([FLOOR, WALL], above, SIZE)
+    near = np.asarray(surface.position)[:, 64, 2]
+    hard, soft = (visibility(surface, above, replace(FAR, radius=0.5, falloff=f))[:, 64] for f in (0.0, 1.0))
+    floor = np.arange(SIZE) > 64
+    assert (hard[floor & (near > 0.55)] > 0.999).all() and (hard[floor & (near < 0.3)] < 0.97).all()
+    assert (soft >= hard - 0.01).all() and soft[floor].mean() > hard[floor].mean()
+
+
+def test_thickness_lets_light_behind_what_stands_in_front():
+    """A bar before a floor: light passes between them, the more the thinner it is taken to be."""
+    above = camera((0, 4, 0.01))
+    surface = cast([FLOOR], above, SIZE)
+    raised = surface.position.at[:, 60:68].multiply(jnp.array([0.7, 1.0, 0.7])).at[:, 60:68, 1].set(1.2)
+    surface = replace(surface, position=raised)
+    behind = [visibility(surface, above, replace(FAR, thickness=t))[30:-30, 70:90].mean() for t in (0.0, 0.2, 1.0)]
+    assert behind[0] < behind[1] - 0.02 < behind[2] - 0.04 and behind[2] > 0.9
+
+
+def test_what_is_multiplied_by_visibility_is_brighter_for_what_is_bright():
+    """The published values at V = ½; never darker than V, at most 1."""
+    albedo = jnp.array([0.0, 0.2, 0.5, 0.8, 1.0])
+    half = bounced(jnp.full(5, 0.5), jnp.broadcast_to(albedo[:, None], (5, 3)))
+    np.testing.assert_allclose(half[:, 0], [0.5, 0.5508, 0.68096, 0.81113, 0.8979], atol=2e-5)
+    v, rho = (x.ravel() for x in np.meshgrid(np.linspace(0, 1, 33), np.linspace(0, 1, 10)))
+    colors = np.broadcast_to(rho[:, None], (rho.size, 3))
+    shown = check_finite(bounced, v, colors)
+    check_calls(bounced, v, colors)
+    assert (shown >= v[:, None] - 1e-6).all() and shown.max() <= 1
+
+
+def test_smooth_matter_is_occluded_less():
+    """The published values; 1 where nothing is occluded, and V for what is rough."""
+    one, half = np.ones(2), np.full(2, 0.5)
+    found = specular_occlusion(*map(jnp.float32, (one, half, [0.0, 0.25])))
+    np.testing.assert_allclose(found, [0.72474, 0.50079], atol=1e-5)
+    n_dot_v, v, alpha = product([-0.5, 0.0, 1e-6, 0.3, 1.0], [0.0, 1e-6, 0.4, 1.0], [0.0, 1e-6, 0.1, 1.0])
+    shown = check_finite(specular_occlusion, n_dot_v, v, alpha)
+    check_calls(specular_occlusion, n_dot_v, v, alpha)
+    assert (shown >= 0).all() and (shown <= 1).all() and (shown[(v == 1)] == 1).all()
+    rough = (alpha == 1) & (n_dot_v > 0.1)
+    np.testing.assert_allclose(shown[rough], v[rough], atol=1e-4)
+
+
+# -- Formulas ----------------------------------------------------------------------------------------------------------
+
+ANGLES = np.concatenate([[0.0, 1e-4], np.linspace(0.05, 3.1, 40), [np.pi - 1e-4, np.pi]])
+
+
+def test_the_polynomial_arccosine_is_exact_to_rounding():
+    cosine = np.concatenate([np.cos(ANGLES), np.linspace(-1, 1, 2000)]).astype(np.float32)
+    np.testing.assert_allclose(check_finite(arccos, cosine), np.arccos(np.float64(cosine)), atol=4e-7)
+    check_calls(arccos, cosine)
+    check_slopes(arccos, np.cos(ANGLES[2:-2]), rtol=1e-4)
+
+
+def test_arcs_are_the_integrals_that_they_stand_for():
+    """By the middles of 20,000 steps, in double precision; and as Jimenez writes them, with γ."""
+    gamma, h = (x.ravel() for x in np.meshgrid(np.linspace(-1.5, 1.5, 9), ANGLES[::4]))
+    theta = h[:, None] * (np.arange(20000) + 0.5) / 20000
+    lit = np.cos(theta - gamma[:, None]) * np.sin(theta) * (h / 20000)[:, None]
+    inputs = np.cos(gamma), np.sin(gamma), np.cos(h)
+    found = np.asarray(jax.jit(arc)(*map(jnp.float32, inputs)))
+    np.testing.assert_allclose(found, lit.sum(axis=1), atol=2e-6)
+    jimenez = 0.25 * (-np.cos(2 * h - gamma) + np.cos(gamma) + 2 * h * np.sin(gamma))
+    np.testing.assert_allclose(found, jimenez, atol=2e-6)
+    v, d = jax.jit(mean_direction)(*map(jnp.float32, inputs))
+    np.testing.assert_allclose(v, (lit * np.cos(theta)).sum(axis=1), atol=2e-6)
+    np.testing.assert_allclose(d, (lit * np.sin(theta)).sum(axis=1), atol=2e-6)
+
+
+# -- Calls -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [HorizonAO(radius=0.5), SSAO(radius=0.5)], ids=["horizon", "ssao"])
+def test_leading_axes_are_pictures_of_their_own(settings):
+    """Layers, one of them empty: as if each were drawn alone."""
+    above = camera((0, 2.5, 2.5))
+    one = cast([FLOOR, WALL], above, 32)
+    other = cast([FLOOR], above, 32)
+    empty = replace(one, mask=jnp.zeros_like(one.mask))
+    stacked = jax.tree.map(lambda *parts: jnp.stack(parts)[:, None], one, empty, other)
+    method = ssao if isinstance(settings, SSAO) else horizon
+    found = jax.jit(method)(stacked, above, settings)
+    assert found.visibility.shape == (3, 1, 32, 32) and (found.visibility[1] == 1).all()
+    for k, alone in ((0, one), (2, other)):
+        expected = jax.jit(method)(alone, above, settings)
+        np.testing.assert_allclose(found.visibility[k, 0], expected.visibility, atol=1e-5)
+        np.testing.assert_allclose(found.bent_normal[k, 0], expected.bent_normal, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("make", "settings", "message"),
+    [
+        (HorizonAO, {"slices": 0}, r"HorizonAO\.slices must be a whole number from 1 to 64, got 0"),
+        (HorizonAO, {"steps": 65}, r"HorizonAO\.steps must be a whole number from 1 to 64, got 65"),
+        (SSAO, {"samples": 0}, r"SSAO\.samples must be a whole number from 1 to 1024, got 0"),
+    ],
+)
+def test_counts_that_mean_nothing_are_refused(make, settings, message):
+    with pytest.raises(ValueError, match=message):
+        make(**settings)
