@@ -7,6 +7,7 @@ from . import metrics as metrics
 from . import planner as planner
 from . import scenes as scenes
 from .buffers import Frame as Frame
+from .buffers import Occlusion as Occlusion
 from .buffers import Radiance as Radiance
 from .buffers import Stats as Stats
 from .buffers import Surface as Surface
@@ -38,6 +39,7 @@ from .render import render as render
 from .scene import Directional as Directional
 from .scene import Disc as Disc
 from .scene import Environment as Environment
+from .scene import EnvironmentMap as EnvironmentMap
 from .scene import Lights as Lights
 from .scene import Materials as Materials
 from .scene import Mesh as Mesh
@@ -47,6 +49,8 @@ from .scene import Scene as Scene
 from .scene import Sphere as Sphere
 from .scene import Spot as Spot
 from .scene import Textures as Textures
+from .screen.horizon import HorizonAO as HorizonAO
+from .screen.ssao import SSAO as SSAO
 from .stack import pack_textures as pack_textures
 from .stack import stack_lights as stack_lights
 from .stack import stack_materials as stack_materials

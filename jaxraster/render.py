@@ -1,6 +1,5 @@
 """The table of contents: scene -> visibility -> surface -> light -> linear HDR -> image."""
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
@@ -12,7 +11,7 @@ from .brdf.compensation import compensated_albedo
 from .brdf.energy import directional_albedo
 from .brdf.gltf import gltf
 from .brdf.standard import standard
-from .buffers import Frame, Radiance
+from .buffers import Frame, Occlusion, Radiance, Surface
 from .display.dither import dither
 from .display.exposure import exposure
 from .display.tonemap import tonemap
@@ -38,8 +37,12 @@ from .visibility.project import project
 from .visibility.raster import rasterize
 
 BRDFS = {"standard": standard, "gltf": gltf, "local": blinn_phong}
-OCCLUSIONS: dict[type, Callable] = {HorizonAO: horizon, SSAO: ssao}
 ALBEDOS = {"standard": compensated_albedo, "gltf": directional_albedo}
+
+
+def occlusion(surface: Surface, camera: Camera, settings: HorizonAO | SSAO) -> Occlusion:
+    """What hides the sky, by the method that the settings are for."""
+    return (horizon if isinstance(settings, HorizonAO) else ssao)(surface, camera, settings)
 
 
 def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
@@ -48,7 +51,7 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     Under jit return what is needed: the rest is dead code. Map over batches: `vmap(render, in_axes=(None, 0, None))`.
 
     Gradient: exact in everything that shades a visible point, and in how much of it is seen through what is blended; 0
-    through coverage, the depth test, holes in masked materials and shadows."""
+    through coverage, the depth test, holes in masked materials, shadows and what hides the sky."""
     scene, camera = as_arrays(scene, camera, plan)
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
@@ -82,8 +85,8 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     dark = jnp.zeros_like(surface.position)
     brdf, albedo = BRDFS[plan.shading], ALBEDOS.get(plan.shading)
     glow = effect(area, plan.area, surface, lights, brdf, albedo, otherwise=(dark, dark))
-    occlusion = effect(OCCLUSIONS.get(type(plan.occlusion)), plan.occlusion, surface, camera)
-    indirect = effect(ambient, plan.ambient, surface, scene.environment, otherwise=(dark, dark), occlusion=occlusion)
+    hidden = effect(occlusion, plan.occlusion, surface, camera)
+    indirect = effect(ambient, plan.ambient, surface, scene.environment, otherwise=(dark, dark), occlusion=hidden)
     emitted = effect(emission, plan.emission, surface, otherwise=dark)
     radiance = Radiance(
         direct_diffuse=direct[0] + glow[0],

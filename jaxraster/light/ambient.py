@@ -15,6 +15,7 @@ Source: hemisphere lighting as in Baker & Boyd 2001; the blend between its two e
 a lobe gathers and its albedo: Karis 2013, "Real Shading in Unreal Engine 4".
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -100,6 +101,7 @@ def _unoccluded(surface: Surface, n_dot_v: Number, occlusion: Occlusion | None) 
     return scattered, specular_occlusion(n_dot_v, visibility, surface.alpha)[..., None]
 
 
+@jax.jit
 def ambient(
     surface: Surface, environment: Environment, settings: Ambient, *, occlusion: Occlusion | None = None
 ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:

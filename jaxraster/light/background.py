@@ -9,6 +9,9 @@ Gradient: exact in tones, texels, suns, rotation, camera and blurriness.
 Source: the blur is `ambient`'s.
 """
 
+import functools
+
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
@@ -61,6 +64,7 @@ def _discs(suns: Directional, direction: Float[Array, "*b 3"]) -> Float[Array, "
     return lax.scan(add, jnp.zeros_like(direction), (suns.direction, suns.irradiance))[0]
 
 
+@functools.partial(jax.jit, static_argnames=("height", "width"))
 def background(
     camera: Camera, environment: Environment, settings: Background, *, height: int, width: int
 ) -> Float[Array, "h w 3"]:

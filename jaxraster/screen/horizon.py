@@ -20,6 +20,7 @@ quotient, the weights of slices and cotangents in place of cosines are ours.
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -185,6 +186,7 @@ def _estimate(field: HeightField, settings: HorizonAO) -> tuple[Float[Array, "h 
     return visibility, tuple(bent)
 
 
+@jax.jit
 def horizon(surface: Surface, camera: Camera, settings: HorizonAO) -> Occlusion:
     """How much of the ambient light reaches every pixel, and from where; see `Occlusion`."""
     return on_screen(surface, camera, settings, _estimate)

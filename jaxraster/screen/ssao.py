@@ -15,6 +15,7 @@ outside are ours.
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -90,6 +91,7 @@ def _estimate(field: HeightField, settings: SSAO) -> tuple[Float[Array, "h w"], 
     return 1.0 - occluded / settings.samples, tuple(bent)
 
 
+@jax.jit
 def ssao(surface: Surface, camera: Camera, settings: SSAO) -> Occlusion:
     """How much of the ambient light reaches every pixel, and from where; see `Occlusion`."""
     found = on_screen(surface, camera, replace(settings, intensity=1.0), _estimate)

@@ -24,6 +24,7 @@ from jaxraster.parameters import parameters
 from jaxraster.plan import Plan
 from jaxraster.render import render
 from jaxraster.scene import LIGHT_KINDS, TEXTURE_SLOTS
+from jaxraster.screen.horizon import HorizonAO
 from jaxraster.stack import stack_lights
 from jaxraster.visibility.layers import Layers
 
@@ -48,6 +49,7 @@ EFFECTS = {
     "layers": Layers(blended=1),
     "shadow_map": ShadowMap(resolution=64),
     "area": Area(kinds=("rectangle",)),
+    "occlusion": HorizonAO(slices=1, steps=2),
     "ambient": Ambient(),
     "emission": Emission(),
     "background": Background(),
@@ -159,7 +161,9 @@ def scopes(plan) -> set[str]:
 def test_an_effect_leaves_a_trace_only_where_it_is_on(name):
     """With one effect alone and with none, in the program that goes to the compiler."""
     assert scopes(BARE) & EFFECTS.keys() == set()
-    assert scopes(dataclasses.replace(BARE, **{name: EFFECTS[name]})) & EFFECTS.keys() == {name}
+    # Occlusion alone darkens nothing.
+    on = {name, "ambient"} if name == "occlusion" else {name}
+    assert scopes(dataclasses.replace(BARE, **{one: EFFECTS[one] for one in on})) & EFFECTS.keys() == on
 
 
 def test_lights_with_an_area_add_their_light():

@@ -602,7 +602,9 @@ def test_the_reasons_in_words():
         "256 texels, as most pixels ask for",
         "off  area                        no light with an area shines",
         "off  emission                    as asked for",
+        "on   occlusion                   something rises above a surface in view and hides some of its sky",
         "on   ambient                     the environment has light",
+        "off  ambient specular            the environment has no map to mirror",
         "on   background                  the environment has light",
         "off  dither                      only on request",
     ]
@@ -614,7 +616,7 @@ def test_every_effect_of_a_built_in_scene_has_a_reason(name):
     scene, camera = SCENES[name]()
     plan, reasons = plan_for(scene, camera, width=64, height=48)
     assert all(isinstance(reason, Reason) and reason.why and "\n" not in reason.why for reason in reasons.values())
-    for field in ("layers", "shadow_map", "area", "emission", "ambient", "background", "dither"):
+    for field in ("layers", "shadow_map", "area", "occlusion", "emission", "ambient", "background", "dither"):
         assert (getattr(plan, field) is not None) == reasons[field].on
     assert plan.cull == reasons["cull"].on
     assert plan.texture_slots == tuple(slot for slot in TEXTURE_SLOTS if reasons[f"texture {slot}"].on)
@@ -715,14 +717,14 @@ def test_the_picture_is_that_with_everything_on():
     @hypothesis.given(scenes)
     def check(values):
         scene, camera = build(values)
-        plan, reasons = plan_for(scene, camera, **SIZE)
+        plan, reasons = plan_for(scene, camera, **SIZE, occlusion=None)
         met.update((name, reason.on) for name, reason in reasons.items())
         assert_same_picture(scene, camera, plan)
 
     check()
     missing = {(name, on) for name in needs(small.scene()) for on in (True, False)} - met
-    # None of these scenes has a light with an area; they have a test of their own.
-    assert missing == {("dither", True), ("area", True)}
+    # Lights with an area, maps and what hides the sky have tests of their own.
+    assert missing == {(name, True) for name in ("dither", "area", "ambient specular", "occlusion")}
 
 
 def test_the_gradient_is_that_with_everything_on():
@@ -731,7 +733,7 @@ def test_the_gradient_is_that_with_everything_on():
     scene = small.scene([{**EVERY, **BLACK}] * 5, directional=[(SLANTED, 2.0)], sky=0.4)
     values, rebuild = parameters(scene, wrt)
     assert all((np.asarray(value)[..., :3] == 0).all() for value in values.values())
-    without, plan = (plan_for(scene, CAMERA, **SIZE, wrt=paths)[0] for paths in ((), wrt))
+    without, plan = (plan_for(scene, CAMERA, **SIZE, wrt=paths, occlusion=None)[0] for paths in ((), wrt))
     assert without.emission is None and without.light_kinds == ("directional",) and len(without.texture_slots) == 2
     weights = jnp.asarray(np.random.default_rng(5).uniform(0.5, 1.5, (HEIGHT, WIDTH, 3)), jnp.float32)
 
