@@ -49,7 +49,10 @@ def level(alpha: Float[Array, "*b"]) -> Float[Array, "*b"]:
 def prefilter(texels: Float[Array, "h w 3"]) -> Float[Array, "s 12"]:
     """The tables of all levels, one after the other, for `mirrored`."""
     sizes = cells(texels.shape[0])
-    tables = [octahedral.table(octahedral.sampled(texels, sizes[0]))]
+    # Pictures finer than the first level are averaged: sampled at its corners, they would lose lamps of a texel.
+    rows = min(texels.shape[0], 2 * sizes[0])
+    first = texels if rows == texels.shape[0] else resized(texels, rows, 2 * rows)
+    tables = [octahedral.table(octahedral.sampled(first, sizes[0]))]
     for size in sorted({*sizes[1:]}, reverse=True):
         rows = min(4 * size, 2 * sizes[0])
         image = resized(texels, rows, 2 * rows)

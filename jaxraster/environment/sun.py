@@ -20,6 +20,7 @@ from .equirect import solid_angles
 STRONG = 100.0
 RADIUS = np.radians(3.0)  # of a sun with its glare; what is larger has an area, which a blur shows well
 SHARE = 0.01  # of all light, below which a shadow would hardly show
+SMALLEST = 1e-30  # sr, for what lies around a sun where nothing is known of it: black takes the sun's place
 
 
 def _towards(row, column, height, width):
@@ -38,7 +39,7 @@ def _surroundings(texels, bands, strong, center, reach):
     towards = _towards(np.arange(height)[rows, None], np.arange(width)[None], height, width)
     near = (towards @ center > np.cos(reach)) & ~strong[rows] & np.isfinite(texels[rows]).all(axis=-1)
     weight = near * bands[rows, None]
-    return np.einsum("hw,hwc->c", weight, np.where(near[..., None], texels[rows], 0.0)) / weight.sum()
+    return np.einsum("hw,hwc->c", weight, np.where(near[..., None], texels[rows], 0.0)) / max(weight.sum(), SMALLEST)
 
 
 def cut_suns(

@@ -25,11 +25,14 @@ MAKERS = ("environment", "math")  # the packages whose sources say what is in a 
 
 def cache_folder() -> pathlib.Path:
     """Where this system keeps what programs can make again: XDG_CACHE_HOME, or its own convention."""
-    home = pathlib.Path.home()
-    conventions = {"darwin": home / "Library" / "Caches", "win32": os.environ.get("LOCALAPPDATA", home)}
     given = os.environ.get("XDG_CACHE_HOME", "")
     # The XDG base directory specification has relative paths ignored.
-    return pathlib.Path(given if os.path.isabs(given) else conventions.get(sys.platform, home / ".cache")) / "jaxraster"
+    if os.path.isabs(given):
+        return pathlib.Path(given) / "jaxraster"
+    # Where a user has no home, as in some containers, this stays "~", where nothing is found.
+    home = pathlib.Path(os.path.expanduser("~"))
+    conventions = {"darwin": home / "Library" / "Caches", "win32": os.environ.get("LOCALAPPDATA", home)}
+    return pathlib.Path(conventions.get(sys.platform, home / ".cache")) / "jaxraster"
 
 
 def cached_path(content: bytes, *options: object) -> pathlib.Path:

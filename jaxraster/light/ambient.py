@@ -91,14 +91,23 @@ def _reflected(environment: Environment, n: Color, v: Color, alpha: Number, sett
     return light + mirrored(environment.map, direction, alpha)
 
 
-def _unoccluded(surface: Surface, n_dot_v: Number, occlusion: Occlusion | None) -> tuple:
-    """The shares of scattered and of mirrored light that reach the surface."""
+def _scattered(surface: Surface, occlusion: Occlusion | None) -> Float[Array, "*b 3"]:
+    """The share of light from all around that reaches the surface to be scattered: the darker of what the material
+    says and of what the screen says."""
+    own = jnp.broadcast_to(surface.occlusion[..., None], surface.diffuse_color.shape)
     if occlusion is None:
-        share = surface.occlusion[..., None]
-        return share, share
-    visibility = jnp.minimum(surface.occlusion, occlusion.visibility)
-    scattered = bounced(visibility, surface.diffuse_color)
-    return scattered, specular_occlusion(n_dot_v, visibility, surface.alpha)[..., None]
+        return own
+    found = bounced(occlusion.visibility, surface.diffuse_color)
+    return jnp.where(own <= found, own, found)
+
+
+def _narrowed(surface: Surface, n_dot_v: Number, alpha: Number, occlusion: Occlusion | None) -> Float[Array, "*b 1"]:
+    """The same of light to be mirrored by a lobe of that alpha."""
+    own = surface.occlusion
+    if occlusion is None:
+        return own[..., None]
+    found = specular_occlusion(n_dot_v, occlusion.visibility, alpha)
+    return jnp.where(own <= found, own, found)[..., None]
 
 
 @jax.jit
@@ -110,16 +119,18 @@ def ambient(
     n_dot_v = safe.dot(n, v)
     albedo = once(compensated_albedo, surface.f0, n_dot_v, surface.alpha, surface.f90)
     gathered = _gathered(environment, n if occlusion is None else occlusion.bent_normal, settings)
-    diffuse = surface.diffuse_color * (1.0 - albedo) * gathered
-    specular = albedo * _reflected(environment, n, v, surface.alpha, settings)
+    arriving = settings.gain * _scattered(surface, occlusion) * gathered
+    diffuse = surface.diffuse_color * (1.0 - albedo) * arriving
+    seen = _narrowed(surface, n_dot_v, surface.alpha, occlusion)
+    specular = settings.gain * seen * albedo * _reflected(environment, n, v, surface.alpha, settings)
     if surface.sheen is not None:
         color, share = surface.sheen[..., :3], sheen_albedo(jnp.clip(n_dot_v, 0.0, 1.0), surface.sheen[..., 3])
         under = 1.0 - (jnp.max(color, axis=-1) * share)[..., None]
-        diffuse, specular = under * diffuse, under * specular + color * share[..., None] * gathered
+        diffuse, specular = under * diffuse, under * specular + color * share[..., None] * arriving
     if surface.coat is not None:
-        coat = surface.coat
-        share = clearcoat_share(safe.dot(coat.normal, v), coat.weight)[..., None]
-        mirrored_by_coat = share * _reflected(environment, coat.normal, v, coat.alpha, settings)
+        coat, coat_dot_v = surface.coat, safe.dot(surface.coat.normal, v)
+        share = clearcoat_share(coat_dot_v, coat.weight)[..., None]
+        seen = settings.gain * _narrowed(surface, coat_dot_v, coat.alpha, occlusion)
+        mirrored_by_coat = seen * share * _reflected(environment, coat.normal, v, coat.alpha, settings)
         diffuse, specular = (1.0 - share) * diffuse, (1.0 - share) * specular + mirrored_by_coat
-    scattered, reflected = _unoccluded(surface, n_dot_v, occlusion)
-    return settings.gain * scattered * diffuse, settings.gain * reflected * specular
+    return diffuse, specular

@@ -26,8 +26,9 @@ def sunlit(lights: Lights, environment: Environment) -> Lights:
         return lights
     suns, own = surroundings.suns, lights.directional
     # A batch may have rotations of its own, suns, or lights.
-    around = surroundings.rotation.shape, suns.direction.shape[:-2], own.direction.shape[:-2]
-    lead, turn = jnp.broadcast_shapes(*around), jnp.asarray(surroundings.rotation)[..., None]
+    around = [leaf.shape[:-2] for lights_of in (suns, own) for leaf in (lights_of.direction, lights_of.irradiance)]
+    rotation = jnp.asarray(surroundings.rotation)
+    lead, turn = jnp.broadcast_shapes(rotation.shape, *around), rotation[..., None]
 
     def join(first, second):
         parts = [jnp.broadcast_to(part, (*lead, *part.shape[-2:])) for part in (first, second)]

@@ -39,7 +39,7 @@ def apart(always: Bool[Array, ""], function: Callable, *arguments):
     """`function(*arguments)` computed once and written to memory, where XLA would repeat it for each of its readers.
 
     What enters or leaves a branch is not fused; `always` is a condition that holds whatever the data are, but that the
-    compiler cannot see through. Not for what is differentiated.
+    compiler cannot see through. Gradient: exact, of the branch.
     """
     shapes = jax.eval_shape(function, *arguments)
     return lax.cond(always, function, lambda *_: zeros_as(shapes, always), *arguments)

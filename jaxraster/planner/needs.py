@@ -106,6 +106,13 @@ class _Facts:
             values |= {f"map.{name}": getattr(around.map, name) for name in MAP}
         return any((value != 0).any() or self.differentiated(f"environment.{n}") for n, value in values.items())
 
+    def suns(self) -> bool:
+        """Whether any sun of the surroundings shines."""
+        around = self.scene.environment.map
+        if around is None or around.suns.irradiance.size == 0:
+            return False
+        return bool((around.suns.irradiance != 0).any()) or self.differentiated("environment.map.suns.irradiance")
+
     def smooth(self) -> bool:
         """Whether a material in use mirrors more sharply than the widest lobe."""
         materials = self.scene.materials
@@ -197,7 +204,9 @@ def _occlusion(facts: _Facts, lit: bool, shading: str) -> Reason:
     return Reason(False, "nothing rises above any surface in view")
 
 
-def _specular(facts: _Facts) -> Reason:
+def _specular(facts: _Facts, lit: bool) -> Reason:
+    if not lit:
+        return Reason(False, "there is no ambient light")
     if facts.scene.environment.map is None:
         return Reason(False, "the environment has no map to mirror")
     smooth = facts.smooth()
@@ -258,8 +267,9 @@ def plan_for(
     reasons["emission"] = Reason(bool(emits), f"{'a' if emits else 'no'} material in use emits light")
     reasons["occlusion"] = _occlusion(facts, lit and asked.ambient is not None, asked.shading)
     reasons["ambient"] = Reason(lit, f"the environment {tones}")
-    reasons["ambient specular"] = _specular(facts)
-    reasons["background"] = Reason(lit, f"the environment {tones}")
+    reasons["ambient specular"] = _specular(facts, lit and asked.ambient is not None)
+    shown = lit or facts.suns()
+    reasons["background"] = Reason(shown, f"the environment {tones if lit or not shown else 'has a sun'}")
     reasons["dither"] = Reason(False, "only on request")
 
     chosen: dict[str, Any] = {
@@ -272,7 +282,7 @@ def plan_for(
         "emission": Emission() if emits else None,
         "occlusion": HorizonAO() if reasons["occlusion"].on else None,
         "ambient": Ambient(specular=reasons["ambient specular"].on) if lit else None,
-        "background": Background() if lit else None,
+        "background": Background() if shown else None,
     }
     plan = replace(asked, **{name: value for name, value in chosen.items() if name not in settings})
     for name in settings.keys() & reasons.keys():

@@ -29,7 +29,7 @@ def faults(module: types.ModuleType) -> list[str]:
     records = [name for name, value in public.items() if dataclasses.is_dataclass(value)]
     takers = {}
     for name, value in public.items():
-        if inspect.isfunction(value):
+        if inspect.isfunction(inspect.unwrap(value)):
             parameters = inspect.signature(inspect.unwrap(value)).parameters.values()
             positional = [p.name for p in parameters if p.kind is not p.KEYWORD_ONLY]
             if "settings" in positional:

@@ -394,11 +394,14 @@ def test_a_map_is_mirrored_by_what_is_smooth_alone():
         assert (plan.ambient.specular, reasons["ambient specular"].on) == (on, on)
     assert needs(surrounded(rough), wrt=("materials.roughness",))["ambient specular"].on
     assert "no map" in needs(small.scene(sky=1.0))["ambient specular"].why
+    assert "no ambient light" in needs(small.scene())["ambient specular"].why
 
 
 def test_a_sun_of_the_surroundings_is_a_light_with_a_shadow():
     sun = Directional(direction=jnp.array([SLANTED]), irradiance=jnp.full((1, 3), 2.0))
     plan, reasons = plan_for(surrounded(suns=sun), CAMERA, **SIZE)
+    alone = needs(surrounded(texels=0.0, suns=sun))
+    assert alone["background"].on and not alone["ambient"].on
     assert reasons["light directional"].on and plan.shadow_map.directional == (2,)  # after the scene's own two
     faint = dataclasses.replace(sun, irradiance=jnp.zeros((1, 3)))
     assert not needs(surrounded(suns=faint))["light directional"].on
