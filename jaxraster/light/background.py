@@ -9,8 +9,6 @@ Gradient: exact in tones, texels, suns, rotation, camera and blurriness.
 Source: the blur is `ambient`'s.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -20,7 +18,7 @@ from ..environment.equirect import lookup, turned
 from ..math import safe
 from ..math.transform import multiply
 from ..record import Scalar, record
-from ..scene import Camera, Directional, Environment
+from ..scene import Camera, Directional, Environment, EnvironmentMap
 from .ambient import tones
 
 RADIUS = 0.00465  # rad, of the sun's disc seen from the earth
@@ -64,7 +62,13 @@ def _discs(suns: Directional, direction: Float[Array, "*b 3"]) -> Float[Array, "
     return lax.scan(add, jnp.zeros_like(direction), (suns.direction, suns.irradiance))[0]
 
 
-@functools.partial(jax.jit, static_argnames=("height", "width"))
+@jax.jit
+def _shown(surroundings: EnvironmentMap, direction: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
+    """What a map shows along directions, its suns too."""
+    there = turned(direction, -surroundings.rotation)
+    return lookup(surroundings.texels, there) + _discs(surroundings.suns, there)
+
+
 def background(
     camera: Camera, environment: Environment, settings: Background, *, height: int, width: int
 ) -> Float[Array, "h w 3"]:
@@ -73,6 +77,5 @@ def background(
     alpha = jnp.broadcast_to(jnp.asarray(settings.blurriness, direction.dtype), direction.shape[:-1])
     radiance = tones(environment, direction, alpha)
     if environment.map is not None:
-        there = turned(direction, -environment.map.rotation)
-        radiance += lookup(environment.map.texels, there) + _discs(environment.map.suns, there)
+        radiance += _shown(environment.map, direction)
     return settings.gain * radiance
