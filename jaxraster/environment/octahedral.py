@@ -17,8 +17,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from ..math import safe
-from ..math.once import once
-from ..math.table import fetch
+from ..math.table import fetch, once
 from . import equirect
 
 Number = Float[Array, "*b"]

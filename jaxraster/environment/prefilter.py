@@ -15,8 +15,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..math import safe
-from ..math.once import once
-from ..math.table import fetch
+from ..math.table import fetch, once
 from . import octahedral
 from .blur import blurred, resized
 

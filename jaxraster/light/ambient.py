@@ -24,7 +24,7 @@ from ..brdf.compensation import compensated_albedo
 from ..brdf.sheen import sheen_albedo
 from ..buffers import Occlusion, Surface
 from ..math import safe
-from ..math.once import once
+from ..math.table import once
 from ..record import Scalar, record, static
 from ..scene import Environment
 from .bounced import bounced

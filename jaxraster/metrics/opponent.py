@@ -8,15 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..math import safe
+from ..math import rec709, safe
 
 Plane = Float[Array, "*b"]
 Color = tuple[Plane, Plane, Plane]
 
-# x and y of Rec.709's red, green and blue, and of its white D65. Source: ITU-R BT.709.
-_X, _Y = np.array([[0.64, 0.30, 0.15, 0.3127], [0.33, 0.60, 0.06, 0.3290]])
-_XYZ = np.stack([_X / _Y, np.ones(4), (1.0 - _X - _Y) / _Y])
-XYZ_FROM_LINEAR = _XYZ[:, :3] * np.linalg.solve(_XYZ[:, :3], _XYZ[:, 3]) / _XYZ[:, 3:]
+# Relative to white, which is 1, 1, 1 here.
+XYZ_FROM_LINEAR = rec709.XYZ_FROM_LINEAR / rec709.WHITE[:, None]
 LINEAR_FROM_XYZ = np.linalg.inv(XYZ_FROM_LINEAR)
 # CIE 1976: below CORNER³ the cube root, infinitely steep at 0, gives way to a line.
 CORNER = 6.0 / 29.0

@@ -3,7 +3,7 @@
 View space in planes [h, w], y up, and without metres: lengths are counted in `unit`, the least depth seen, or half of
 the picture's height for a parallel projection, so that nothing depends on a scene's scale. Depth is -z.
 
-Gradient: exact in positions, normals and camera, but through `unit`, on which nothing depends.
+Gradient: none is asked for; `occlusion` stops it before.
 """
 
 import jax.numpy as jnp
@@ -52,9 +52,9 @@ def height_field(
     z = -turned(position - eye, rotation)[2]
 
     # Count in a length that scales with the scene, and from where no depth is 0.
-    least = lax.stop_gradient(jnp.min(jnp.where(mask, z, jnp.inf)))
+    least = jnp.min(jnp.where(mask, z, jnp.inf))
     least = jnp.where(jnp.isfinite(least), least, 1.0)
-    half = lax.stop_gradient(1.0 / jnp.abs(lens[1, 1]))
+    half = 1.0 / jnp.abs(lens[1, 1])
     unit = jnp.where(perspective, jnp.maximum(least, safe.TINY), half)
     depth = jnp.where(perspective, z, z - (least - unit)) / unit
 

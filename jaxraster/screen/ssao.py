@@ -94,7 +94,7 @@ def _estimate(field: HeightField, settings: SSAO) -> tuple[Float[Array, "h w"], 
 @jax.jit
 def ssao(surface: Surface, camera: Camera, settings: SSAO) -> Occlusion:
     """How much of the ambient light reaches every pixel, and from where; see `Occlusion`."""
-    found = on_screen(surface, camera, replace(settings, intensity=1.0), _estimate)
+    found = on_screen(surface, camera, settings, _estimate)
     # The power of what is not 0: its slope in the exponent is finite.
     light = jnp.maximum(found.visibility, safe.TINY) ** settings.intensity
     return replace(found, visibility=jnp.where(surface.mask, light, 1.0))

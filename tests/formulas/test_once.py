@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxraster.math.once import once
+from jaxraster.math.table import once
 
 
 def formula(x, y):
