@@ -175,14 +175,14 @@ class EnvironmentMap:
     onwards turning to +Z, as in Blender, three.js and Khronos's viewers. `rotation` (rad) turns all of it about +Y,
     counter-clockwise seen from above. `suns` is what was too strong and small to be blurred and has been cut out of
     the texels; they turn with it. `harmonics`, `irradiance` and `specular` are made of the texels by
-    `environment.prepare`: see there for what they hold.
+    `environment.prepare`: see there for what they hold. Their rows are held against the texels by `check_map`.
     """
 
     texels: Float[Array, "*b h w 3"]
     rotation: Float[Array, "*b"]
     suns: Directional
     harmonics: Float[Array, "*b 9 3"]
-    irradiance: Float[Array, "*b i k"]
+    irradiance: Float[Array, "*b i j"]
     specular: Float[Array, "*b s k"]
 
 
@@ -210,6 +210,20 @@ class Scene:
     environment: Environment
 
 
+def check_map(where: str, surroundings: EnvironmentMap, *, batched: bool = False) -> None:
+    """Raise one line for what is no map, or for tables that cannot have been made of its texels."""
+    fit_record(where, surroundings, EnvironmentMap, batched=batched)
+    texels = list(surroundings.texels.shape)
+    if 0 in texels[-3:]:
+        raise ValueError(f"{where}.texels has none, its shape is {texels}")
+    specular = next(rows for most, rows in SPECULAR_ROWS.items() if texels[-3] <= most)
+    for name, rows in {"irradiance": IRRADIANCE_ROWS, "specular": specular}.items():
+        shape = list(getattr(surroundings, name).shape)
+        if shape[-2:] != [rows, CORNERS]:
+            wanted = f"{where}.{name} must be [{rows}, {CORNERS}] for texels {texels}, got {shape}"
+            raise ValueError(f"{wanted}; call environment.prepare.prepare(texels, suns)")
+
+
 def check_scene(scene: Scene, camera: Camera, *, batched: bool = False) -> None:
     """Raise one line for what is no scene or no camera, or an index that names nothing, or an unexpected batch.
 
@@ -217,6 +231,8 @@ def check_scene(scene: Scene, camera: Camera, *, batched: bool = False) -> None:
     """
     fit_record("scene", scene, Scene, batched=batched)
     fit_record("camera", camera, Camera, batched=batched)
+    if scene.environment.map is not None:
+        check_map("scene.environment.map", scene.environment.map, batched=batched)
     below("scene.mesh.faces", scene.mesh.faces, scene.mesh.vertices.shape[-2], "vertices")
     below("scene.mesh.material", scene.mesh.material, scene.materials.double_sided.shape[0], "materials")
     if scene.materials.uv_sets is not None:
@@ -234,3 +250,7 @@ TEXTURE_SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emi
 REPEAT, CLAMP, MIRROR = 0, 1, 2
 NEAREST, LINEAR, FIRST = 0, 1, 2
 OPAQUE, MASK, BLEND = 0, 1, 2
+# How `environment.irradiance` and `environment.prefilter` lay their tables out: three channels at each of a cell's four
+# corners, and as many cells as fit the texels, of which there may be so many rows.
+CORNERS, IRRADIANCE_ROWS = 12, 4096
+SPECULAR_ROWS = {64: 36_864, 128: 86_016, 256: 233_472, float("inf"): 626_688}

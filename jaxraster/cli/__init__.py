@@ -45,7 +45,7 @@ def _as_error(error: Exception) -> Error | None:
     if isinstance(error, Error):
         return error
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-        return LimitError(None, "", "out of memory; choose a smaller --width, --height or --supersample")
+        return LimitError(None, "", "out of memory; choose a smaller --width, --height, --supersample or file")
     return None
 
 

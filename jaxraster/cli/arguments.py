@@ -76,6 +76,17 @@ def direction(word: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def tones(word: str) -> str | list[list[float]]:
+    """`GREY`, `R,G,B` or six numbers as radiance of the sky and of the ground; a word without numbers as it is."""
+    try:
+        numbers = [float(part) for part in word.split(",")]
+    except ValueError:
+        return word
+    if len(numbers) not in (1, 3, 6) or not all(0 <= number < math.inf for number in numbers):
+        raise argparse.ArgumentTypeError(f"expected 1, 3 or 6 numbers of at least 0, got {word!r}")
+    return [numbers[:3], numbers[-3:]]
+
+
 def _limit(word: str) -> tuple[str, int]:
     """`NAME=N`: the name of a limit and a whole number of at least 1."""
     from ..io.reading import Limits

@@ -13,6 +13,7 @@ from .terminal import interruptible, progress, say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `jaxraster prepare`."""
     parser.add_argument("environment", metavar="FILE", help="an equirectangular .hdr or .exr, twice as wide as high")
+    parser.add_argument("--strict", action="store_true", help="refuse what would be put right")
     add_limit(parser, "read")
 
 
@@ -24,7 +25,8 @@ def run(arguments: argparse.Namespace) -> None:
     start = time.perf_counter()
     with interruptible():
         progress("preparing...")
-        done = prepare_environment(arguments.environment, limits=Limits(**dict(arguments.limit)))
+        limits = Limits(**dict(arguments.limit))
+        done = prepare_environment(arguments.environment, strict=arguments.strict, limits=limits)
     height, width, _ = done.map.texels.shape
     suns = done.map.suns.irradiance.shape[0]
     say(f"{arguments.environment}: {width} x {height} pixels, suns cut out to cast shadows: {suns}")

@@ -6,19 +6,18 @@ A file is loaded, planned, compiled and drawn; the plan says which effects are i
 import argparse
 import contextlib
 import dataclasses
-import math
 import os
 import pathlib
 import time
 from collections.abc import Iterator
 
 from ..errors import InputError, OutputError, UsageError
-from .arguments import add_limit, choose, direction, finite, guess, names, whole
+from .arguments import add_limit, between, choose, direction, finite, guess, names, whole
+from .surroundings import add_surroundings, check_surroundings, names_file, read_surroundings
 from .terminal import complain, interruptible, progress, say
 
-SKY = "sky"
-TOWARDS_SUN = (0.4, 0.6, 0.7)  # 37° high, before the left shoulder of who looks along -Z
-SKY_GAIN = 3e-5  # a sun of 90 klx becomes one of some 3, as the lamp of files that bring none
+OCCLUSIONS = ("auto", "none", "ssao", "horizon")
+NEAREST, FARTHEST = 1e-6, 1e9  # metres of radius: no scene needs others, whose squares leave single precision
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,12 +54,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,Y,Z",
         help="light a file by one lamp alone, which shines in this direction",
     )
+    add_surroundings(parser)
     option(
-        "--environment",
-        metavar="FILE",
-        help="the surroundings: an equirectangular .hdr or .exr, or sky; they light a file that has no lights",
+        "--occlusion",
+        default="auto",
+        metavar="NAME",
+        help="what near things hide of ambient light: auto (default: as the planner finds), none, ssao or horizon",
     )
-    option("--environment-rotation", type=finite, metavar="DEG", help="turn it counter-clockwise, seen from above")
+    reach = "how near they must be (default: 0.25)"
+    option("--occlusion-radius", type=between(NEAREST, FARTHEST), metavar="METRES", help=reach)
     option("--dither", action="store_true", help="hide the steps of slow ramps under noise of one code")
     option("--supersample", type=whole(1, 8), default=1, metavar="N", help="N x N samples per pixel (default: 1)")
     option(
@@ -88,6 +90,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
     choose("--tonemap", arguments.tonemap, TONEMAPS)
     choose("--shading", arguments.shading, SHADINGS)
+    _check_occlusion(arguments.occlusion, arguments.occlusion_radius, arguments.shading)
     if "all" in arguments.aov:
         arguments.aov = list(AOVS)
     for name in arguments.aov:
@@ -100,10 +103,11 @@ def _check(arguments: argparse.Namespace) -> None:
     if (samples := width * height * n * n) > limits.picture_samples:
         asked = f"{width} x {height} pixels with {n} x {n} samples are {samples} samples"
         exceed("picture_samples", limits.picture_samples, None, "", asked)
-    _check_environment(arguments.environment, arguments.environment_rotation)
+    check_surroundings(arguments)
+    around = arguments.environment if names_file(arguments.environment) else ""
     paths = [arguments.output, *(_aov_path(arguments.output, name) for name in arguments.aov)]
     for path in [*paths, *([arguments.exr] if arguments.exr else [])]:
-        for name, what in ((arguments.scene, "scene"), (arguments.environment or "", "environment")):
+        for name, what in ((arguments.scene, "scene"), (around, "environment")):
             if os.path.exists(path) and os.path.exists(name) and os.path.samefile(path, name):
                 raise OutputError(path, "", f"is the {what} itself; choose another name")
     for path in paths:
@@ -116,18 +120,13 @@ def _check(arguments: argparse.Namespace) -> None:
         check_exr(arguments.exr)
 
 
-def _check_environment(name: str | None, rotation: float | None) -> None:
-    """Refuse surroundings that cannot be read, as far as it can be known without reading them."""
-    from ..io.light import SUFFIXES
-
-    if name is None and rotation is not None:
-        raise UsageError(None, "--environment-rotation", "turns what --environment names; add it")
-    if name in (None, SKY):
-        return
-    if not os.path.exists(name):
-        raise InputError(name, "", f"neither a file nor {SKY!r}")
-    if os.path.splitext(name)[1].lower() not in SUFFIXES:
-        raise InputError(name, "", f"unknown format of light; known are {', '.join(SUFFIXES)}")
+def _check_occlusion(name: str, radius: float | None, shading: str) -> None:
+    """Refuse an occlusion that is unknown, or of what is not drawn."""
+    choose("--occlusion", name, OCCLUSIONS)
+    if radius is not None and name == "none":
+        raise UsageError(None, "--occlusion-radius", "is of what '--occlusion none' leaves out; drop one of them")
+    if shading == "local" and (name not in ("auto", "none") or radius is not None):
+        raise UsageError(None, "--occlusion", "'--shading local' has no visibility of lights; drop one of them")
 
 
 def _aov_path(output: str, name: str) -> str:
@@ -145,7 +144,8 @@ def _load(arguments: argparse.Namespace):
 
     name = arguments.scene
     if name in SCENES:
-        for option in ("camera", "light_direction", "repair", "strict"):
+        of_files = ("camera", "light_direction", "repair")
+        for option in of_files if names_file(arguments.environment) else (*of_files, "strict"):
             value = getattr(arguments, option)
             if value is not None and value is not False:
                 raise UsageError(None, f"--{option.replace('_', '-')}", f"is for files; {name!r} is built in")
@@ -157,26 +157,33 @@ def _load(arguments: argparse.Namespace):
             name,
             camera=arguments.camera or 0,
             light_direction=arguments.light_direction,
-            environment=(0.0, 0.0, 0.0) if arguments.environment else None,
+            environment=0.0 if arguments.environment else None,
             repair=arguments.repair,
             strict=arguments.strict,
             limits=arguments.limits,
         )
     if arguments.environment:
-        scene = dataclasses.replace(scene, environment=_environment(arguments))
+        scene = dataclasses.replace(scene, environment=read_surroundings(arguments))
     return scene, camera
 
 
-def _environment(arguments: argparse.Namespace):
-    """The surroundings that were asked for, turned."""
-    from ..environment.prepare import prepare
-    from ..environment.sky import sky
-    from ..io.environment import read_environment, surroundings
+def _plan(scene, camera, arguments: argparse.Namespace):
+    """The plan for what was asked for, and its reasons."""
+    from ..display.dither import Dither
+    from ..planner import plan_for
+    from ..screen.horizon import HorizonAO
+    from ..screen.ssao import SSAO
 
-    rotation = math.radians(arguments.environment_rotation or 0.0)
-    if arguments.environment == SKY:
-        return surroundings(prepare(*sky(TOWARDS_SUN, height=256, width=512, gain=SKY_GAIN), rotation))
-    return surroundings(read_environment(arguments.environment, rotation=rotation, limits=arguments.limits))
+    names = ("width", "height", "supersample", "tonemap", "exposure", "shading")
+    asked = {name: getattr(arguments, name) for name in names}
+    asked |= {"dither": Dither()} if arguments.dither else {}
+    if arguments.occlusion != "auto":
+        asked["occlusion"] = {"none": None, "ssao": SSAO(), "horizon": HorizonAO()}[arguments.occlusion]
+    plan, reasons = plan_for(scene, camera, **asked)
+    if plan.occlusion is not None and arguments.occlusion_radius is not None:
+        occlusion = dataclasses.replace(plan.occlusion, radius=arguments.occlusion_radius)
+        plan = dataclasses.replace(plan, occlusion=occlusion)
+    return plan, reasons
 
 
 @contextlib.contextmanager
@@ -195,21 +202,17 @@ def run(arguments: argparse.Namespace) -> None:
     import jax
     import numpy as np
 
-    from ..display.dither import Dither
     from ..io.exr import write_exr
     from ..io.load import is_linear, save
-    from ..planner import explain, plan_for
+    from ..planner import explain
     from ..render import render
     from .aov import channels, finite_pixels, pick, picture
 
     seconds: dict[str, float] = {}
     with _step(seconds, "load", "loading"):
         scene, camera = jax.block_until_ready(_load(arguments))
-    sizes = {name: getattr(arguments, name) for name in ("width", "height", "supersample")}
-    looks = {name: getattr(arguments, name) for name in ("tonemap", "exposure", "shading")}
-    looks |= {"dither": Dither()} if arguments.dither else {}
     with _step(seconds, "plan", "planning"):
-        plan, reasons = plan_for(scene, camera, **sizes, **looks)
+        plan, reasons = _plan(scene, camera, arguments)
     say(explain(reasons))
 
     # Ask for the wanted buffers only: what is not returned is never computed.

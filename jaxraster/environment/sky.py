@@ -89,11 +89,18 @@ def _linear(luminance, x, y):
 
 def _known(name, value, holds, wanted):
     """The value as an array; one line where it is known and is not what is wanted."""
+    kind = jnp.result_type(float)
     if not isinstance(value, jax.core.Tracer):
-        number = np.asarray(value, float)
+        with np.errstate(over="ignore"):
+            number = np.asarray(value, float).astype(kind)
         if not holds(number):
             raise ValueError(f"sky: {name} must be {wanted}, got {number.tolist()}")
-    return jnp.asarray(value, jnp.result_type(float))
+    return jnp.asarray(value, kind)
+
+
+def _points(v):
+    """Whether it is a direction: `safe.normalize` takes what is below TINY for 0."""
+    return v.shape == (3,) and np.isfinite(v).all() and (np.abs(v) > safe.TINY).any()
 
 
 @functools.partial(jax.jit, static_argnames=("height", "width"))
@@ -141,7 +148,7 @@ def sky(
         >>> texels.shape, sun.direction.tolist()
         ((16, 32, 3), [[-0.0, -1.0, -0.0]])
     """
-    sun = _known("towards_sun", towards_sun, lambda v: v.shape == (3,) and np.isfinite(v).all() and v.any(), DIRECTION)
+    sun = _known("towards_sun", towards_sun, _points, DIRECTION)
     haze = _known("turbidity", turbidity, lambda t: t.shape == () and LEAST <= t <= MOST, f"{LEAST:g} to {MOST:g}")
     albedo = _known("ground", ground, lambda a: a.shape == (3,) and ((a >= 0) & (a <= 1)).all(), "an albedo [3]")
     gain = _known("gain", gain, lambda g: g.shape == () and np.isfinite(g), "one number")

@@ -20,7 +20,7 @@ from ..errors import OutputError
 from .disk import write_file
 
 Arrays = Mapping[str, Shaped[np.ndarray, "..."]]
-MAKERS = ("environment", "math")  # the packages whose sources say what is in a prepared file
+MAKERS = ("environment", "io", "math")  # the packages whose sources say what is in a prepared file
 
 
 def cache_folder() -> pathlib.Path:
@@ -58,8 +58,15 @@ def store(path: pathlib.Path, arrays: Arrays) -> int:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(path.parent, "", f"cannot be made: {error.strerror}; set XDG_CACHE_HOME") from error
+    if path.is_dir():
+        raise OutputError(path, "", "is a folder, where a file is to be kept; remove it")
     write_file(path, buffer.getvalue())
     return buffer.tell()
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> Shaped[np.ndarray, "..."]:
+    with archive.open(name) as member:
+        return np.lib.format.read_array(member, allow_pickle=False)
 
 
 def fetch(path: pathlib.Path) -> Arrays | None:
@@ -67,7 +74,8 @@ def fetch(path: pathlib.Path) -> Arrays | None:
     try:
         if not path.is_file():
             return None
-        with open(path, "rb") as file, np.load(file) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        with zipfile.ZipFile(path) as archive:
+            return {name.removesuffix(".npy"): _array(archive, name) for name in archive.namelist()}
+    # Whatever lies there can be made again, and broken archives raise errors of a dozen kinds.
+    except Exception as error:
         raise ValueError(str(error) or type(error).__name__) from error

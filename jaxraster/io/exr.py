@@ -99,9 +99,9 @@ def _place(pixels: Shaped[np.ndarray, "a b"], header: Mapping[str, Any]) -> Shap
     return canvas
 
 
-def _read(path: Path, limits: Limits) -> tuple[dict[str, np.ndarray], Mapping[str, Any], int]:
+def _decode(data: bytes, name: str, limits: Limits) -> tuple[dict[str, np.ndarray], Mapping[str, Any], int]:
     """The channels and the header of a file's first part, and how many parts there are."""
-    name, data, package = os.fspath(path), read_file(path, limits), _package(path, InputError)
+    package = _package(name, InputError)
     if data[:4] != b"\x76\x2f\x31\x01":
         raise InputError(name, "", "is not an OpenEXR picture; export the picture again")
     # Keep what the package prints about broken pixels, which it then leaves out without raising.
@@ -124,13 +124,14 @@ def _read(path: Path, limits: Limits) -> tuple[dict[str, np.ndarray], Mapping[st
 
 def read_exr(path: Path, limits: Limits = DEFAULT) -> dict[str, Shaped[np.ndarray, "h w"]]:
     """The channels of an EXR file's first part by name: float16, float32 or uint32 as they are stored."""
-    return _read(path, limits)[0]
+    return _decode(read_file(path, limits), os.fspath(path), limits)[0]
 
 
-def read_exr_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
-    """Linear light of an EXR file, and notes on what was left out: R, G and B, or Y, or those of its only layer."""
-    channels, header, num_parts = _read(path, limits)
-    name = os.fspath(path)
+def decode_exr_light(
+    data: bytes, name: str, limits: Limits = DEFAULT
+) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+    """What `read_exr_light` returns, from the bytes of a file; `name` is for errors."""
+    channels, header, num_parts = _decode(data, name, limits)
     if "RY" in channels or "BY" in channels:
         raise InputError(name, "", "stores luminance and chroma, which is not supported; export RGB")
     layers = [key[:-1] for key in channels if key == "R" or key.endswith(".R")]
@@ -155,6 +156,11 @@ def read_exr_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarr
     if num_parts > 1:
         notes.append(f"{num_parts - 1} further parts are ignored")
     return np.stack([channels[key].astype(np.float32) for key in chosen], axis=-1), tuple(notes)
+
+
+def read_exr_light(path: Path, limits: Limits = DEFAULT) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+    """Linear light of an EXR file, and notes on what was left out: R, G and B, or Y, or those of its only layer."""
+    return decode_exr_light(read_file(path, limits), os.fspath(path), limits)
 
 
 def _channel(name: str, pixels) -> Shaped[np.ndarray, "h w"]:

@@ -17,7 +17,7 @@ from .gltf import read_gltf
 from .image import check_writable, write_image
 from .mesh import read_mesh
 from .radiance import write_hdr
-from .reading import Limits, Reading
+from .reading import DEFAULT, Limits, Reading
 from .rig import frame_camera, key_direction, key_light, sky
 
 READERS = dict.fromkeys((".gltf", ".glb"), read_gltf) | dict.fromkeys((".obj", ".ply", ".stl", ".off"), read_mesh)
@@ -40,11 +40,13 @@ def load(
     light travels, replaces all lights by such a rig. What is ignored is said by one `AssetWarning` each.
 
     `environment` takes the place of those surroundings, and a file without lights is then lit by it alone: a path to a
-    picture of all directions (.hdr, .exr; see `read_environment`), a colour of three numbers (linear Rec.709, cd/m²),
-    an `EnvironmentMap` or an `Environment`.
+    picture of all directions (.hdr, .exr; see `read_environment`), "sky" for a clear one with its sun, an
+    `EnvironmentMap`, an `Environment`, or radiance (linear Rec.709, cd/m²): a grey, a colour of three numbers, or two
+    colours, of the sky and of the ground.
 
     What is broken raises an `InputError`; `repair` drops it instead and counts it in a warning, `strict` refuses even
-    what could be put right without loss. More than the `limits` allow raises a `LimitError` that names the limit.
+    what could be put right, in the surroundings too. More than the `limits` allow raises a `LimitError` that names the
+    limit.
     """
     file, suffix = os.fspath(path), suffix_of(path)
     if suffix not in READERS:
@@ -68,7 +70,11 @@ def load(
         )
         raise UsageError(file, "", f"camera {camera} is not there; {has}")
     view = cameras[camera]
-    lights, around = asset.lights, None if environment is None else surroundings(environment, limits or Limits())
+    lights, around = asset.lights, None
+    if environment is not None:
+        around, notes = surroundings(environment, strict=strict, limits=limits or DEFAULT)
+        for note in notes:
+            warnings.warn(note, AssetWarning, stacklevel=2)
     if light_direction is not None or (lights is None and around is None):
         lights = key_light(key_direction(view) if light_direction is None else light_direction)
         around = around or sky()

@@ -147,13 +147,8 @@ def _scanlines(data: bytes, at: int, count: int, width: int, name: str) -> UInt8
     return codes
 
 
-def read_hdr(path: Path, limits: Limits = DEFAULT) -> Float[np.ndarray, "h w 3"]:
-    """Linear radiance of a Radiance picture, row 0 on top whichever way its scanlines run.
-
-    EXPOSURE and COLORCORR are divided out; primaries and the pixels' aspect are ignored. Bytes after the pixels are,
-    too.
-    """
-    data, name = read_file(path, limits), os.fspath(path)
+def decode_hdr(data: bytes, name: str, limits: Limits = DEFAULT) -> Float[np.ndarray, "h w 3"]:
+    """What `read_hdr` returns, from the bytes of a file; `name` is for errors."""
     header = _read_header(data, name, limits)
     codes = _scanlines(data, header.pixels_at, *header.sizes, name)
     if header.axes[0][1] == "X":
@@ -171,6 +166,15 @@ def read_hdr(path: Path, limits: Limits = DEFAULT) -> Float[np.ndarray, "h w 3"]
         with np.errstate(over="ignore"):
             np.divide(light, header.divisor, out=light, casting="same_kind")
     return light
+
+
+def read_hdr(path: Path, limits: Limits = DEFAULT) -> Float[np.ndarray, "h w 3"]:
+    """Linear radiance of a Radiance picture, row 0 on top whichever way its scanlines run.
+
+    EXPOSURE and COLORCORR are divided out; primaries and the pixels' aspect are ignored. Bytes after the pixels are,
+    too.
+    """
+    return decode_hdr(read_file(path, limits), os.fspath(path), limits)
 
 
 def _codes(light: Float[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 4"]:

@@ -16,13 +16,16 @@ import pytest
 from refused import check_refused
 
 import jaxraster
-from jaxraster.cli import main
+from jaxraster.cli import compare, main, prepare, render
 from jaxraster.cli.aov import AOVS
 from jaxraster.errors import AssetWarning, Error
+from jaxraster.io.environment import TOWARDS_SUN, TURBIDITY
 from jaxraster.io.exr import read_exr
 from jaxraster.io.image import read_image
 from jaxraster.io.radiance import read_hdr
 from jaxraster.io.reading import Limits
+from jaxraster.screen.horizon import HorizonAO
+from jaxraster.screen.ssao import SSAO
 
 ROOT = pathlib.Path(__file__).parents[2]
 STEPS = ("loading", "planning", "compiling", "rendering", "saving")
@@ -74,6 +77,14 @@ REFUSED = [
     ("render --tonemap pbr_netral", 2, "--tonemap: unknown name 'pbr_netral'; did you mean 'pbr_neutral'?"),
     ("render --tonemap ?", 2, "--tonemap: unknown name '?'; known: clip, reinhard"),
     ("render --shading phong", 2, "--shading: unknown name 'phong'; known: standard, gltf, local"),
+    ("render --occlusion sao", 2, "--occlusion: unknown name 'sao'; did you mean 'ssao'?"),
+    ("render --occlusion ?", 2, "--occlusion: unknown name '?'; known: auto, none, ssao, horizon"),
+    ("render --occlusion-radius 0", 2, "--occlusion-radius: expected a number from 1e-06 to 1e+09, got '0'"),
+    ("render --occlusion-radius -1", 2, "--occlusion-radius: expected a number from 1e-06 to 1e+09, got '-1'"),
+    ("render --occlusion-radius inf", 2, "--occlusion-radius: expected a finite number, got 'inf'"),
+    ("render --occlusion none --occlusion-radius 1", 2, "--occlusion-radius: is of what '--occlusion none' leaves out"),
+    ("render --occlusion ssao --shading local", 2, "--occlusion: '--shading local' has no visibility of lights"),
+    ("render --occlusion-radius 1 --shading local", 2, "--occlusion: '--shading local' has no visibility of lights"),
     ("render --aov depth,?", 2, "--aov: unknown name '?'; known: depth, normal"),
     ("render --camera 0", 2, "--camera: is for files; 'stage' is built in"),
     ("render stage --light-direction 1,-1,1", 2, "--light-direction: is for files"),
@@ -116,8 +127,6 @@ def test_refusals(words, code, says, capsys, folder):
 
 def test_words_that_must_parse(monkeypatch):
     """Negative numbers are values, and names may be repeated."""
-    from jaxraster.cli import render
-
     seen = []
     monkeypatch.setattr(render, "run", seen.append)
     words = "render a.glb --light-direction -1,-2,-.5 --exposure -1e-3 -o x.png --aov uv,depth,uv --camera 3"
@@ -130,8 +139,6 @@ def test_words_that_must_parse(monkeypatch):
 
 def test_the_readmes_commands(monkeypatch, capsys):
     """Every command that the README shows passes the checks that come before loading."""
-    from jaxraster.cli import compare, prepare, render
-
     for command in (compare, render):
         monkeypatch.setattr(command, "run", command._check)
     monkeypatch.setattr(prepare, "run", lambda arguments: None)  # it has nothing to check but the file
@@ -146,8 +153,11 @@ def test_help_and_version(capsys):
     from jaxraster.scenes import SCENES
 
     assert main(["render", "--help"]) == 0
-    text = capsys.readouterr().out
+    text = " ".join(capsys.readouterr().out.split())
     assert all(name in text for name in SCENES)
+    numbers = HorizonAO().radius, SSAO().radius, TURBIDITY
+    defaults = [*(f"{number:g}" for number in numbers), ",".join(map(str, TOWARDS_SUN))]
+    assert [value for value in defaults if f"(default: {value})" not in text] == []
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("jaxraster ")
 
@@ -200,6 +210,30 @@ def test_light_and_buffers_as_numbers(capsys, monkeypatch, folder):
     light = read_hdr("a.hdr")
     assert light[0, 0, 0] == 500 and not light[1, 2].any()
     assert sorted(path.name for path in folder.glob("[ab].*")) == ["a.hdr", "a.normal.png", "b.exr"]
+
+
+OCCLUSIONS = [
+    # words, the plan's occlusion, what the plan says of it
+    ("", HorizonAO(), "on", "something rises above a surface in view and hides some of its sky"),
+    ("--occlusion-radius 2", HorizonAO(radius=2.0), "on", "something rises above a surface in view"),
+    ("--occlusion horizon", HorizonAO(), "on", "as asked for"),
+    ("--occlusion ssao --occlusion-radius .5", SSAO(radius=0.5), "on", "as asked for"),
+    ("--occlusion none", None, "off", "as asked for"),
+    ("--occlusion none --shading local", None, "off", "as asked for"),
+    ("--shading local", None, "off", "local shading has no visibility of lights"),
+    ("--environment 0 --occlusion-radius 2", None, "off", "it darkens ambient light alone, and there is none"),
+]
+
+
+@pytest.mark.parametrize(("words", "expected", "on", "why"), OCCLUSIONS, ids=[words for words, *_ in OCCLUSIONS])
+def test_what_hides_ambient_light_may_be_chosen(words, expected, on, why, capsys, monkeypatch):
+    planned, plan = [], render._plan
+    monkeypatch.setattr(render, "_plan", lambda *given: planned.append(plan(*given)) or planned[0])
+    monkeypatch.setattr(sys.modules["jaxraster.render"], "render", small_frame)
+    assert run(f"render --width 8 --height 4 {words}") == 0
+    assert repr(planned[0][0].occlusion) == repr(expected)
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.split()[1] == "occlusion"]
+    assert line.split()[0] == on and why in line
 
 
 def test_a_repair_is_asked_for_and_counted(capsys, monkeypatch, folder):
@@ -286,7 +320,7 @@ def test_a_picture_from_anywhere(folder):
 HEEDFUL = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from jaxraster.cli import main
+from jaxraster.cli import compare, main, prepare, render
 sys.exit(main())
 """
 

@@ -10,6 +10,7 @@ from refused import check_refused
 import jaxraster
 from jaxraster.cli import main
 from jaxraster.environment.equirect import lookup, turned
+from jaxraster.environment.sky import sky
 from jaxraster.io.exr import write_exr
 
 TEXELS = np.random.default_rng(4).uniform(0.25, 1.0, (16, 32, 3)).astype(np.float32)
@@ -23,7 +24,12 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "triangle.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "cut.exr").write_bytes(b"v/1\1")
     (tmp_path / "notes.txt").write_text("sky")
-    for name, texels in (("sky.exr", TEXELS), ("square.exr", TEXELS[:, :16])):
+    (tmp_path / "empty.hdr").write_bytes(b"")
+    (tmp_path / "folder.hdr").mkdir()
+    # Say nothing here of how finely the built-in sky is drawn.
+    monkeypatch.setattr("jaxraster.io.environment.SKY_ROWS", 16)
+    spoilt = np.where(np.arange(32)[:, None] + 32 * np.arange(16)[:, None, None] == 99, np.float32(np.nan), TEXELS)
+    for name, texels in (("sky.exr", TEXELS), ("square.exr", TEXELS[:, :16]), ("spoilt.exr", spoilt)):
         write_exr(tmp_path / name, {letter: texels[..., i] for i, letter in enumerate("RGB")})
 
 
@@ -41,14 +47,35 @@ REFUSED = [
     ),
     ("prepare notes.txt", 3, "notes.txt: unknown format of light '.txt'; known are .hdr, .pic, .exr"),
     ("prepare sky.exr --limit light_side=16", 5, "(limit light_side)"),
-    ("render --environment gone.exr", 3, "gone.exr: neither a file nor 'sky'"),
-    ("render --environment notes.txt", 3, "notes.txt: unknown format of light; known are .hdr, .pic, .exr"),
+    ("prepare spoilt.exr --strict", 3, "spoilt.exr: 1 of 512 texels are not finite; they become black, which strict"),
+    ("render --environment gone.exr", 3, "gone.exr: is neither a file, nor 'sky', nor numbers"),
+    ("render --environment notes.txt", 3, "notes.txt: unknown format of light '.txt'; known are .hdr, .pic, .exr"),
+    ("render --environment empty.hdr", 3, "empty.hdr: is empty"),
+    ("render --environment folder.hdr", 3, "folder.hdr: is a folder"),
+    ("render --environment spoilt.exr --strict", 3, "spoilt.exr: 1 of 512 texels are not finite"),
+    ("render triangle.obj --environment spoilt.exr --strict", 3, "which strict forbids"),
+    ("render --environment sky --strict", 2, "--strict: is for files; 'stage' is built in"),
+    ("render --environment 1,2", 2, "--environment: expected 1, 3 or 6 numbers of at least 0, got '1,2'"),
+    ("render --environment -1", 2, "--environment: expected 1, 3 or 6 numbers of at least 0, got '-1'"),
+    ("render --environment 1,nan,1", 2, "--environment: expected 1, 3 or 6 numbers of at least 0, got '1,nan,1'"),
+    ("render --environment 1,inf,1", 2, "--environment: expected 1, 3 or 6 numbers of at least 0, got '1,inf,1'"),
+    ("render triangle.obj --environment 1e19", 2, "from 0 to 1.844e+18"),
     ("render --environment square.exr", 3, "square.exr: has 16 x 16 pixels"),
     ("render --environment cut.exr", 3, "cut.exr"),
     ("render triangle.obj --environment sky.exr --limit light_pixels=511", 5, "(limit light_pixels)"),
     ("render --environment sky.exr -o sky.exr", 4, "sky.exr: is the environment itself; choose another name"),
     ("render --environment-rotation 90", 2, "--environment-rotation: turns what --environment names; add it"),
     ("render --environment sky --environment-rotation inf", 2, "--environment-rotation: expected a finite number"),
+    ("render --sun-direction 1,1,1", 2, "--sun-direction: is for '--environment sky'; add it"),
+    ("render --turbidity 3", 2, "--turbidity: is for '--environment sky'; add it"),
+    ("render --environment sky.exr --turbidity 3", 2, "--turbidity: is for '--environment sky'; add it"),
+    ("render --environment sky --sun-direction 1,-0.5,1", 2, "--sun-direction: a sun at Y = -0.5 is below the horizon"),
+    ("render --environment sky --sun-direction 0,0,0", 2, "--sun-direction: a direction needs a length above zero"),
+    ("render --environment sky --sun-direction 1,2", 2, "--sun-direction: expected three finite numbers x,y,z"),
+    ("render --environment sky --sun-direction -1 2 3", 2, "--sun-direction: expected three finite numbers x,y,z"),
+    ("render --environment sky --turbidity 1.9", 2, "--turbidity: expected a number from 2 to 10, got 1.9"),
+    ("render --environment sky --turbidity 10.1", 2, "--turbidity: expected a number from 2 to 10, got 10.1"),
+    ("render --environment sky --turbidity nan", 2, "--turbidity: expected a finite number, got 'nan'"),
 ]
 
 
@@ -106,5 +133,33 @@ def test_a_clear_sky_needs_no_file(monkeypatch):
     map = scene.environment.map
     assert map.suns.irradiance.shape == (1, 3) and 2 < map.suns.irradiance[0, 1] < 4
     # Light from above and the front left, before it is turned.
-    assert map.suns.direction[0, 1] < 0 and 0.1 < np.asarray(map.texels)[:100].mean() < 1
+    assert map.suns.direction[0, 1] < 0 and 0.1 < np.asarray(map.texels)[:8].mean() < 1
     np.testing.assert_allclose(map.rotation, np.pi, rtol=1e-6)
+
+
+@pytest.mark.parametrize("towards", ["-1,2,-3", "0,1,0", "1,0,0", "1e-25,2e-25,0", "1e30,1e30,1e30"])
+def test_the_sun_stands_where_it_is_told_to(towards, monkeypatch):
+    scene, _ = loaded(f"render --environment sky --sun-direction {towards} --turbidity 5.5", monkeypatch)
+    map, sun = scene.environment.map, np.array([float(x) for x in towards.split(",")])
+    np.testing.assert_allclose(map.suns.direction[0], -sun / np.linalg.norm(sun), atol=1e-6)
+    texels, light = sky(sun, 5.5, height=16, width=32, gain=3e-5)
+    np.testing.assert_array_equal(map.texels, texels)
+    np.testing.assert_array_equal(map.suns.irradiance, light.irradiance)
+    assert np.isfinite(texels).all()
+
+
+TONES = [("0.5", (0.5,) * 3, (0.5,) * 3), ("1,2,3", (1, 2, 3), (1, 2, 3)), ("1,2,3,4,5,.5", (1, 2, 3), (4, 5, 0.5))]
+
+
+@pytest.mark.parametrize(("words", "tone", "ground"), [*TONES, ("0", (0,) * 3, (0,) * 3)])
+def test_tones_are_a_grey_a_colour_or_two_of_them(words, tone, ground, monkeypatch):
+    for scene in ("stage", "triangle.obj"):
+        around = loaded(f"render {scene} --environment {words}", monkeypatch)[0].environment
+        assert (around.sky.tolist(), around.ground.tolist(), around.map) == (list(tone), list(ground), None)
+
+
+def test_what_is_put_right_is_said_and_what_is_whole_is_strict_enough(monkeypatch, capsys):
+    loaded("render --environment spoilt.exr", monkeypatch)
+    warning = "jaxraster: warning: spoilt.exr: 1 of 512 texels are not finite; they become black\n"
+    assert capsys.readouterr().err == warning
+    assert loaded("render --environment sky.exr --strict", monkeypatch)[0].environment.map is not None

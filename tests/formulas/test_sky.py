@@ -89,6 +89,13 @@ def test_the_sky_is_the_papers(elevation, turbidity):
     np.testing.assert_allclose(xyz[inside][:, :2] / xyz[inside].sum(-1)[:, None], expected[inside][:, 1:], atol=1e-5)
 
 
+@pytest.mark.parametrize("length", [1e-29, 1e-3, 1e37])
+def test_how_long_the_direction_is_says_nothing(length):
+    sun = np.array([0.4, 0.6, -0.7])
+    for of, unit in zip(seen(length * sun), seen(sun)):
+        np.testing.assert_allclose(of, unit, rtol=1e-5)
+
+
 def total(sun, haze):
     """Some sum of all light, for its slopes."""
     texels, directional = sky(sun, haze, height=4, width=8)
@@ -226,11 +233,14 @@ def test_another_model_agrees_roughly(haze, elevation):
         (((0.0, 0.0, 0.0),), "towards_sun must be three numbers, not all zero, got [0.0, 0.0, 0.0]"),
         (((0.0, np.nan, 1.0),), "towards_sun must be three numbers"),
         (((0.0, 1.0),), "towards_sun must be three numbers"),
+        (((0.0, 1e39, 1.0),), "towards_sun must be three numbers"),
+        (((0.0, 1e-39, 0.0),), "towards_sun must be three numbers"),
         (((0.0, 1.0, 0.0), 1.0), "turbidity must be 2 to 10, got 1.0"),
         (((0.0, 1.0, 0.0), 10.5), "turbidity must be 2 to 10, got 10.5"),
         (((0.0, 1.0, 0.0), np.nan), "turbidity must be 2 to 10, got nan"),
         (((0.0, 1.0, 0.0), 3.0, {"ground": (0.5, 1.5, 0.5)}), "ground must be an albedo"),
         (((0.0, 1.0, 0.0), 3.0, {"gain": np.inf}), "gain must be one number"),
+        (((0.0, 1.0, 0.0), 3.0, {"gain": 1e39}), "gain must be one number"),
     ],
 )
 def test_what_is_no_sky_is_refused(arguments, message):
