@@ -1,11 +1,13 @@
-"""Ambient occlusion on the screen against rays: `python -m benchmarks.occlusion [--helmet FILE] [--runs N]`.
+"""Ambient occlusion on the screen against rays: `python -m benchmarks.occlusion [--helmet FILE] [--pictures FOLDER]`.
 
 On the built-in stage and a file of the field: the mean difference from any-hit rays of the same reach, spread as the
 cosine about the shading normal, over what is seen; and the fastest of several runs of the occlusion alone, in
-milliseconds, all taking turns. Rays below the face itself count as occluded.
+milliseconds, all taking turns. Rays below the face itself count as occluded. Pictures show none, the classic, horizons
+and rays side by side.
 """
 
 import argparse
+import pathlib
 from dataclasses import replace
 
 import jax
@@ -30,8 +32,10 @@ SETTINGS = {
     "horizon, default": HorizonAO(),
     "horizon, falloff 0.25": HorizonAO(falloff=0.25),
     "horizon, 4 steps": HorizonAO(steps=4),
+    "horizon, 1 slice of 16 steps": HorizonAO(slices=1, steps=16),
     "horizon, 4 slices of 16 steps": HorizonAO(slices=4, steps=16),
     "horizon, thickness 0.1": HorizonAO(thickness=0.1),
+    "horizon, edge 0.1": HorizonAO(edge=0.1),
     "SSAO, default": SSAO(),
     "SSAO, 64 samples": SSAO(samples=64),
 }
@@ -62,7 +66,8 @@ def traced(scene: jr.Scene, tree: jr.Tree, visibility: jr.Visibility, surface: j
         direction = sum(local[..., k, None] * axis for k, axis in enumerate(axes))
         away = jr.spawn(scene.mesh.vertices, scene.mesh.faces, visibility.face, visibility.barycentric, direction)
         hidden = jr.occluded(replace(away, t_max=radius), tree)
-        return total + ~(hidden | (jnp.sum(direction * surface.geometric_normal, axis=-1) <= 0))
+        hidden |= jnp.sum(direction * surface.geometric_normal, axis=-1) <= 0
+        return total + jnp.where(hidden, 0.0, 1.0)
 
     return jax.lax.fori_loop(0, rays, add, jnp.zeros(surface.mask.shape)) / rays
 
@@ -75,10 +80,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--size", type=int, default=512, metavar="PX", help="a side of the square pictures")
     parser.add_argument("--rays", type=int, default=64, metavar="N", help="of each pixel, for what is held to be true")
     parser.add_argument("--runs", type=int, default=5, metavar="N", help="the fastest of so many is quoted")
+    parser.add_argument("--pictures", type=pathlib.Path, metavar="FOLDER", help="where to write pictures, too")
     options = parser.parse_args(arguments)
     scenes = {"stage": jr.scenes.stage()} | ({options.helmet.stem: _load(options.helmet)} if options.helmet else {})
-    cells: dict[str, list[str]] = {name: [] for name in (*SETTINGS, f"{options.rays} rays")}
-    for scene, camera in scenes.values():
+    rays = f"{options.rays} rays"
+    cells: dict[str, list[str]] = {name: [] for name in ("none", *SETTINGS, rays)}
+    for file, (scene, camera) in scenes.items():
         visibility, surface = seen(scene, camera, options.size)
         tree, mask = jr.build(scene.mesh.vertices, scene.mesh.faces), np.asarray(surface.mask)
         truth = jax.jit(lambda *parts: traced(*parts, radius=HorizonAO().radius, rays=options.rays))
@@ -89,12 +96,15 @@ def main(arguments: list[str] | None = None) -> None:
             )
             for name, made in SETTINGS.items()
         }
-        shown = {name: np.asarray(call().visibility) for name, call in calls.items()}
-        calls[f"{options.rays} rays"] = lambda truth=truth, inputs=inputs: jax.block_until_ready(truth(*inputs))
-        exact = np.asarray(calls[f"{options.rays} rays"]())
-        for name, best in turns(calls, options.runs).items():
-            error = np.abs(shown[name] - exact)[mask].mean() if name in shown else 0.0
-            cells[name].append(f"{error:.4f}, {best:.1f}")
+        shown = {name: np.asarray(call().visibility) for name, call in calls.items()} | {"none": np.ones(mask.shape)}
+        calls[rays] = lambda truth=truth, inputs=inputs: jax.block_until_ready(truth(*inputs))
+        shown[rays] = np.where(mask, calls[rays](), 1.0)
+        times = {"none": 0.0} | turns(calls, options.runs)
+        for name, best in times.items():
+            cells[name].append(f"{np.abs(shown[name] - shown[rays])[mask].mean():.4f}, {best:.1f}")
+        if options.pictures:
+            beside = [shown[name] for name in ("none", "SSAO, default", "horizon, default", rays)]
+            jr.save(options.pictures / f"{file}.png", np.concatenate(beside, axis=1)[..., None].repeat(3, axis=-1))
     print("| setting | " + " | ".join(f"{name}: error, ms" for name in scenes) + " |\n|---|" + "---|" * len(scenes))
     for name, row in cells.items():
         print(f"| {name} | {' | '.join(row)} |")

@@ -1,12 +1,13 @@
 """How much of what a lobe mirrors of its surroundings is not occluded, told from how much of the diffuse light is.
 
-For visibility V, clip((n·v + V)^p - 1 + V, 0, 1) with p = 2^(-16 √α - 1): V itself for rough matter, and nearly 1 for
+For visibility V, clip((n·v + V)^p - 1 + V, 0, 1) with p = 2^(-16 α - 1): V itself for rough matter, and nearly 1 for
 smooth matter seen from above, whose narrow lobe mostly misses what is near. 1 for V = 1.
 
-Measured against rays into the lobe, this is nearer than the overlap of two cones, about bent normal and mirror
-direction, from roughness 0.3 on, by up to a factor of three; at 0.1 cones are 5 to 15 % better.
+It knows how much is hidden, not where. At the foot of a wall, in corners and pits it is off the share of the lobe that
+is open, over all views, by 0.33 in the mean at roughness 0.1, 0.29 at 0.3 and 0.18 at 0.5, where V itself is off by
+0.41, 0.32 and 0.18 (measured by the tests).
 
-Gradient: exact in V and α above 0, but where the clip holds; 0 in n·v and V where their sum is 0.
+Gradient: exact but where the clip holds; 0 in n·v and V where their sum is 0.
 Source: Lagarde & de Rousiers 2014, "Moving Frostbite to Physically Based Rendering", listing 26.
 """
 
@@ -24,9 +25,9 @@ def specular_occlusion(n_dot_v: Value, visibility: Value, alpha: Value) -> Value
     Example:
         >>> found = specular_occlusion(jnp.ones(2), jnp.full(2, 0.5), jnp.array([0.0, 0.25]))
         >>> [round(float(share), 4) for share in found]
-        [0.7247, 0.5008]
+        [0.7247, 0.5128]
     """
-    power = jnp.exp2(-16.0 * safe.sqrt(alpha) - 1.0)
+    power = jnp.exp2(-16.0 * alpha - 1.0)
     seen = jnp.clip(n_dot_v, 0.0, 1.0) + visibility
     # The power of 0 is 0; its slope is not finite.
     lit = seen > safe.TINY

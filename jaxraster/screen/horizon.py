@@ -6,7 +6,8 @@ how much of a turn about that direction it stands for, as lines evenly spread on
 ray. Horizons reach `radius` metres from the pixel. What is outside of the picture, or hidden, occludes nothing.
 Background is 1. Does not affect: direct light.
 
-Lines take the same steps at every fourth pixel (`sweep`), and 4 × 4 pixels are brought together (`denoise`).
+Lines take the same steps at every fourth pixel (`sweep`), and 4 × 4 pixels are brought together (`denoise`), both sums
+before one is divided by the other.
 
 A place q = p + δ on the line lies at the angle θ from the viewer with cot θ = g / b, where, for unit ô along the line
 and the unit ray r̂ from the eye, b² = 1 - (ô·r̂)², and g = |r| (z_p/z_q - 1) / |o| - ô·r̂ of the rays r and r + o at
@@ -24,14 +25,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ..buffers import Occlusion, Surface
-from ..math import safe
 from ..math.table import apart
 from ..record import Scalar, record, static
 from ..scene import Camera
 from .arc import arc, arccos, mean_direction
+from .border import remaining
 from .height_field import HeightField, Planes, plane_at
 from .occlusion import on_screen
 from .sweep import PHASES, TILE, Sweep, margin, sweep, tiles, untiled
@@ -49,16 +50,24 @@ FAINT = 1e-12
 
 @record
 class HorizonAO:
-    """`radius` in metres, inf for all that is on the screen: how far away something may be that occludes.
+    """`radius` in metres: how far away something may be that occludes. Lines end at half of the picture's longer side,
+    so that inf is for all that is on the screen that near.
 
     Over its last share `falloff`, in [0, 1], occlusion fades; 0 for none. `thickness` in [0, 1] is how soon light
     passes behind what stands before a line's further places: 0 for never, which is what a height field is, 1 at once.
-    `slices` lines are taken through each pixel, in `steps` to either side.
+    What occludes counts less and less over the last `edge` heights of the picture before its border; 0 for not so.
+
+    `slices` lines are taken through each pixel, in `steps` to either side. They grow by equal ratios, up to as many
+    pixels as the radius is anywhere in the picture: what is near leaves fewer to what is far. An edge between two of
+    them is found beyond where it is: by default the foot of a wall is up to 0.03 too bright and the middle of a pit up
+    to 0.16; by one slice of 16 steps 0.03 and 0.09, at the same price but with more noise where surfaces are small; by
+    4 slices of 48 steps 0.03 and 0.03 (measured by the tests, without limits of radius).
     """
 
     radius: Scalar = 0.25
     falloff: Scalar = 0.0
     thickness: Scalar = 0.0
+    edge: Scalar = 0.0
     slices: int = static(default=2)
     steps: int = static(default=8)
 
@@ -103,7 +112,7 @@ def _slice(tile: _Tile, along) -> tuple[Array, Array, Array]:
     return aside, 1.0 - aside * aside, n_dot_d
 
 
-def _highest(field: HeightField, nearness, tile: _Tile, line: Sweep, settings: HorizonAO):
+def _highest(field: HeightField, nearness, tile: _Tile, line: Sweep, kept, settings: HorizonAO):
     """The greatest g along a line, at least the tangent plane's."""
     aside, out, n_dot_d = _slice(tile, line.along)
     plane = -n_dot_d / jnp.maximum(tile.n_dot_v, EDGE_ON)
@@ -121,9 +130,20 @@ def _highest(field: HeightField, nearness, tile: _Tile, line: Sweep, settings: H
         g = (tile.scale * near - tile.shift) * (1.0 / line.length[k]) - aside
         distance = line.length[k] * jnp.where(field.perspective, 1.0 / near, 1.0)
         weight = jnp.clip(1.0 / width - per_square * distance * distance * (out + g * g), 0.0, 1.0)
+        weight = weight * jnp.minimum(kept[0][k], kept[1][k])
         g = plane + weight * (g - plane)
         highest = jnp.maximum(g, highest + settings.thickness * (g - highest))
     return highest
+
+
+def _kept(lines: Sweep, shape, height: int, width: int, edge) -> tuple[Array, Array]:
+    """What counts of each step's occluders as far as the border is near: by columns, and by lines."""
+    phase = np.arange(PHASES)[:, None, None, None]
+    kept = []
+    for axis, (first, count, size) in enumerate(((phase % TILE, shape[2], width), (phase // TILE, shape[1], height))):
+        at = lines.offset[..., axis, None] + jnp.asarray(first + TILE * np.arange(count), lines.offset.dtype)
+        kept.append(remaining(at, size, edge * height))
+    return kept[0][..., None, :], kept[1][..., :, None]
 
 
 def _arcs(tile: _Tile, along, ahead, behind):
@@ -142,7 +162,7 @@ def _arcs(tile: _Tile, along, ahead, behind):
 
 
 def _together(tile: _Tile, lines: Sweep, horizons):
-    """Visibility and bent normal from the horizons of all directions."""
+    """From the horizons of all directions: what is seen, of how much, and the bent normal, of any length."""
     slices = horizons.shape[0] // 2
     seen = whole = weights = x = y = back = 0.0
     for s in range(slices):
@@ -155,10 +175,10 @@ def _together(tile: _Tile, lines: Sweep, horizons):
         x, y, back = x + d * along[0], y + d * along[1], back + weight * parts[2] + d * aside
     free = 2 / 3 * weights
     bent = (part * free + add - back * ray for part, add, ray in zip(tile.normal, (x, y, 0.0), tile.ray))
-    return safe.divide(seen, whole, 1.0), *(part / free for part in bent)
+    return seen, whole, *bent
 
 
-def _estimate(field: HeightField, settings: HorizonAO) -> tuple[Float[Array, "h w"], Planes]:
+def _estimate(field: HeightField, settings: HorizonAO) -> Planes:
     height, width = field.mask.shape
     around = margin(height, width)
     nearness = jnp.where(field.mask, jnp.where(field.perspective, 1.0 / field.depth, -field.depth), NOWHERE)
@@ -172,18 +192,18 @@ def _estimate(field: HeightField, settings: HorizonAO) -> tuple[Float[Array, "h 
     reach = jnp.max(jnp.where(field.mask, reach, 0.0))
     lines = sweep(settings.slices, settings.steps, reach, around, field.across, field.down)
 
+    kept = _kept(lines, planes[0].shape, height, width, settings.edge)
     always = field.unit > 0
 
     def phase(_, row):
-        number, lines, planes = row
+        number, lines, kept, planes = row
         tile = _tile(field, number, *planes)
         # Work in branches: what a loop writes down as it computes it keeps from vectors.
-        horizons = lax.map(lambda line: apart(always, _highest, field, nearness, tile, line, settings), lines)
+        horizons = lax.map(lambda line: apart(always, _highest, field, nearness, tile, *line, settings), (lines, kept))
         return None, apart(always, _together, tile, lines, horizons)
 
-    _, (visibility, *bent) = lax.scan(phase, None, (jnp.arange(PHASES, dtype=jnp.int32), lines, planes))
-    visibility, *bent = (untiled(plane, height, width) for plane in (visibility, *bent))
-    return visibility, tuple(bent)
+    _, sums = lax.scan(phase, None, (jnp.arange(PHASES, dtype=jnp.int32), lines, kept, planes))
+    return tuple(untiled(plane, height, width) for plane in sums)
 
 
 @jax.jit

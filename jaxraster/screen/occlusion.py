@@ -12,9 +12,9 @@ from typing import Any
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
 
 from ..buffers import Occlusion, Surface
+from ..math import safe
 from ..scene import Camera
 from .denoise import denoise
 from .height_field import HeightField, Planes, height_field
@@ -23,14 +23,16 @@ from .height_field import HeightField, Planes, height_field
 FAINT = 1e-12
 
 
-# From a height field and settings to the visibility and the bent normal, of any length, of each pixel.
-Method = Callable[[HeightField, Any], tuple[Float[Array, "h w"], Planes]]
+# From a height field and settings to five planes: how much light each pixel sees, of how much, and a vector of any
+# length along the bent normal.
+Method = Callable[[HeightField, Any], Planes]
 
 
 def _one_picture(mask, position, normal, camera, settings, method):
     field = height_field(mask, position, normal, camera)
-    visibility, bent = method(field, settings)
-    visibility, *bent = denoise(field, (visibility, *bent))
+    # Divide sums, not each pixel by itself: those that look in other directions see other shares of the hemisphere.
+    light, whole, *bent = denoise(field, method(field, settings))
+    visibility = safe.divide(light, whole, 1.0)
     # Make it unit in planes, where vectors are long, and only then turn it.
     square = sum(part * part for part in bent)
     bends = mask & (square > FAINT)

@@ -29,6 +29,7 @@ from ..math.table import fetch
 from ..math.transform import frame
 from ..record import Scalar, record, static
 from ..scene import Camera
+from .border import remaining
 from .height_field import HeightField, Planes, pixel_of, pixels, places
 from .occlusion import on_screen
 from .sweep import ORDER, PHASES, TILE
@@ -38,11 +39,15 @@ MOST_SAMPLES = 1024  # as many fetches of each pixel; more hardly differ
 
 @record
 class SSAO:
-    """`radius` in metres; `bias` is the share of it by which a point must lie behind what is seen; `samples` points."""
+    """`radius` in metres; `bias` is the share of it by which a point must lie behind what is seen; `samples` points.
+
+    What occludes counts less and less over the last `edge` heights of the picture before its border; 0 for not so.
+    """
 
     radius: Scalar = 0.25
     bias: Scalar = 0.05
     intensity: Scalar = 1.0
+    edge: Scalar = 0.0
     samples: int = static(default=16)
 
     def validate(self):
@@ -58,7 +63,7 @@ def _points(samples: int, dtype) -> Float[Array, "s 3"]:
     return direction * ((number.astype(dtype) + 0.5) / samples)[:, None]
 
 
-def _estimate(field: HeightField, settings: SSAO) -> tuple[Float[Array, "h w"], Planes]:
+def _estimate(field: HeightField, settings: SSAO) -> Planes:
     height, width = field.mask.shape
     radius = settings.radius / field.unit
     per_radius = 1.0 / jnp.maximum(radius, safe.TINY)
@@ -68,6 +73,7 @@ def _estimate(field: HeightField, settings: SSAO) -> tuple[Float[Array, "h w"], 
     column, line = (place.astype(jnp.int32) for place in pixels(field))
     angle = fetch(jnp.asarray(2 * np.pi * ORDER / PHASES, field.depth.dtype), line % TILE * TILE + column % TILE)
     cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    band = settings.edge * height
     seen = jnp.where(field.mask, field.depth, jnp.inf).reshape(-1)
 
     def add(total, point):
@@ -76,19 +82,18 @@ def _estimate(field: HeightField, settings: SSAO) -> tuple[Float[Array, "h w"], 
         offset = [a * t + b * s + point[2] * n for t, s, n in zip(tangent, bitangent, field.normal)]
         column, line, depth = pixel_of(field, tuple(p + radius * o for p, o in zip(here, offset)))
         inside = (column > -0.5) & (column < width - 0.5) & (line > -0.5) & (line < height - 0.5)
-        column, line = (
-            jnp.clip(jnp.round(c), 0, n - 1).astype(jnp.int32) for c, n in ((column, width), (line, height))
-        )
-        before = fetch(seen, line * width + column)
+        column, line = (jnp.clip(jnp.round(c), 0, n - 1) for c, n in ((column, width), (line, height)))
+        before = fetch(seen, line.astype(jnp.int32) * width + column.astype(jnp.int32))
         near = jnp.clip(2.0 - (field.depth - before) * per_radius, 0.0, 1.0)
         behind = jnp.where(inside & (depth > before + settings.bias * radius), near, 0.0)
+        behind = behind * jnp.minimum(remaining(column, width, band), remaining(line, height, band))
         length = (1.0 - behind) / safe.length(point)
         return (occluded + behind, *(total + length * o for total, o in zip(bent, offset))), None
 
     zero = jnp.zeros_like(field.depth)
     points = _points(settings.samples, field.depth.dtype)
     occluded, *bent = lax.scan(add, (zero,) * 4, points)[0]
-    return 1.0 - occluded / settings.samples, tuple(bent)
+    return 1.0 - occluded / settings.samples, zero + 1.0, *bent
 
 
 @jax.jit

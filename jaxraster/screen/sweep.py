@@ -28,12 +28,14 @@ class Sweep(NamedTuple):
     """One row per phase of the tile, then one per direction; the second half of these are opposite to the first.
 
     `first` and `second` are the two pixels beside each step, as picture, line and column of the padded tiles, and
-    `share` that of the second. `length` is |o| and `along` is ô of the height field.
+    `share` that of the second, and `offset` their place, right and down. `length` is |o| and `along` is ô of the height
+    field.
     """
 
     first: Int[Array, "16 d k 3"]
     second: Int[Array, "16 d k 3"]
     share: Float[Array, "16 d k"]
+    offset: Float[Array, "16 d k 2"]
     length: Float[Array, "16 d k"]
     along: Float[Array, "16 d 2"]
 
@@ -99,6 +101,7 @@ def sweep(slices: int, steps: int, reach: Float[Array, ""], around: int, across,
         first=place(left, top),
         second=place(left + 1.0 - beside, top + beside),
         share=jnp.where(along_x, y - top, x - left),
+        offset=jnp.stack([x, y], axis=-1),
         length=count / jnp.asarray(longer, dtype)[..., None] * pixel[..., None],
         along=along / pixel[..., None],
     )
