@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from ..buffers import Surface
 from ..math import safe
 from ..scene import Camera
-from .shadow_frame import Knob, LightView, rotate
+from .shadow_frame import THINNEST, Knob, LightView, rotate
 
 NEAREST = 1e-3  # of the farthest depth: the ratio of depths has no bound as the near one goes to 0
 OVERLAP = 0.1  # of a cascade's depth, shared with the next
@@ -72,7 +72,7 @@ def cascades(
     high = jnp.stack([jnp.max(jnp.where(among, place, -jnp.inf), axis=axes) for place in places], axis=-1)
     low, high = (jnp.where(jnp.isfinite(bound), bound, 0.0) for bound in (low, high))
     texels = whole.size - 2 * whole.margin - 1
-    needed = jnp.maximum(jnp.max(high - low, axis=-1, keepdims=True) / texels, safe.TINY)
+    needed = jnp.maximum(jnp.max(high - low, axis=-1, keepdims=True), THINNEST) / texels
     texel = jnp.exp2(jnp.ceil(SIZES * jnp.log2(needed)) / SIZES) + jnp.zeros_like(low)
 
     def each(value):

@@ -27,6 +27,8 @@ MIN_COSINE = 1e-3
 NEAR = 2.0**-12
 # Half angles of a spot's map, in radians: tangents of a cone without width, and of one as wide as 90°, make no map.
 NARROW, WIDE = 1e-3, 1.45
+# Metres of a parallel map's least extent: a gradient divides by a texel's square, which float32 must hold.
+THINNEST = 1e-15
 Knob = float | Float[Array, ""]  # of one picture, whatever the shape of its pixels
 # Rows: two axes and the direction back to the lamp, of a cube's sides in order +X, -X, +Y, -Y, +Z, -Z.
 SIDES = np.array([[np.eye(3)[k - 2], s * np.eye(3)[k - 1], -s * np.eye(3)[k]] for k in range(3) for s in (1.0, -1.0)])
@@ -128,7 +130,7 @@ def parallel_view(
     axes: Float[Array, "3 3"], low: Float[Array, "3"], high: Float[Array, "3"], size: int, margin: int
 ) -> LightView:
     """The view of a directional light that shows what lies between two corners in its space."""
-    extent = jnp.maximum(high - low, safe.TINY)
+    extent = jnp.maximum(high - low, THINNEST)
     texel = extent[:2] / (size - 2 * margin)
     # Leave a texel's depth at both ends: depth 0 means nothing, and rounding must push no vertex past the near plane.
     depth = jnp.stack([low[2] - jnp.max(texel), extent[2] + 2.0 * jnp.max(texel)])

@@ -2,14 +2,14 @@
 
 One map of the whole scene or several cascades of what is in view for a directional light, one for a spot, six for a
 point. What lies outside of a map is lit. `shadow_frame` has the projections, `shadow_bias` what keeps a surface from
-shadowing itself, `shadow_filter` and `shadow_penumbra` what is made of the texels about a place, `shadow_cascades` the
-cascades, and `shadow_exact` asks rays instead of a map.
-World units; 1 is lit, exactly so on any plane that nothing is above, up to 89.9° of incidence at the default biases,
-which let in light at the foot of a wall for half a texel (measured by the tests). Does not affect: ambient light,
-emission, lights without a map.
+shadowing itself, `shadow_filter`, `shadow_penumbra` and `shadow_moments` what is made of the texels about a place,
+`shadow_cascades` the cascades, and `shadow_exact` asks the triangles themselves instead of a map.
+World units; 1 is lit, exactly so on any plane that nothing is above, up to 89.9° of incidence at the default biases (by
+moments to 0.001), which let in light at the foot of a wall for half a texel (measured by the tests). Does not affect:
+ambient light, emission, lights without a map.
 
-Gradient: none, on purpose: occlusion is a depth test, whose derivative is 0 almost everywhere, and the width of the
-filter's ramp belongs to the map's texels, not to the scene.
+Gradient: none but by the filter "moments", on purpose: occlusion is a depth test, whose derivative is 0 almost
+everywhere, and the width of the filter's ramp belongs to the map's texels, not to the scene.
 Source: Williams 1978, "Casting curved shadows on curved surfaces".
 """
 
@@ -28,13 +28,14 @@ from ..record import Scalar, record, static
 from ..scene import Camera, Lights, Mesh
 from ..visibility.raster import rasterize_depth
 from .shadow_bias import base_bias, offset_along_normal, plane_bias
-from .shadow_exact import exact
+from .shadow_exact import exact, leave, tiles
 from .shadow_filter import box, disc, lookup, lookup_line, single
 from .shadow_frame import LightView, Receiver, inside, light_clip, receiver
+from .shadow_moments import moments, texels
 from .shadow_penumbra import penumbra
 from .shadow_views import VIEWS
 
-FILTERS = "single", "box", "disc", "penumbra", "exact"
+FILTERS = "single", "box", "disc", "penumbra", "moments", "exact"
 CASTERS = "all", "front", "back"
 MOST_TAPS = 1024  # a program of as many fetches; more hardly differ, and take minutes to compile
 
@@ -45,7 +46,8 @@ class ShadowMap:
 
     `directional`, `point` and `spot` are the rows of those lights that throw shadows, None for all of them.
     `filter` is "single" (one texel), "box" (`width` texels on a side), "disc" (`taps` of them over a disc `width`
-    texels wide), "penumbra" (as wide as the light is large: twice `taps`) or "exact" (a ray per pixel, and no map).
+    texels wide), "penumbra" (as wide as the light is large: twice `taps`), "moments" (a box, with a gradient) or
+    "exact" (hard, without a map: neither `resolution` nor `casters` nor a bias matters).
     `casters` draws "all" faces into the map, or those alone that face towards the light ("front", the same picture in
     half the time where meshes are closed) or away from it ("back"). `cascades` is how many maps share what is in view
     of a directional light, 0 for one map of the whole scene; `split` lies between 0, cascades of even depths, and 1, of
@@ -75,7 +77,8 @@ class ShadowMap:
     @property
     def margin(self) -> int:
         """Texels around a map that only filters reach, which taps must not leave."""
-        reach = {"single": 1, "box": (self.width + 2) // 2, "disc": (self.width + 3) // 2, "exact": 0}
+        box = (self.width + 2) // 2
+        reach = {"single": 1, "box": box, "moments": box, "disc": (self.width + 3) // 2, "exact": 0}
         return reach.get(self.filter, 2 + self.resolution // 32)
 
     def validate(self):
@@ -127,9 +130,21 @@ def _kept(mesh: Mesh, view: LightView, casters: str) -> Int[Array, "f 3"]:
     return jnp.where(kept[:, None], mesh.faces, mesh.faces[:, :1])
 
 
-def _filtered(view: LightView, occluders: Array, place: Receiver, settings: ShadowMap) -> Float[Array, "*b"]:
+def _drawn(view: LightView, mesh: Mesh, settings: ShadowMap):
+    """The map of one view: depths, and of moments variances."""
+    faces = _kept(mesh, view, settings.casters)
+    if settings.filter == "moments":
+        return texels(view, mesh.vertices, faces)
+    occluders = rasterize_depth(light_clip(view, mesh.vertices), faces, height=view.size, width=view.size)
+    return occluders.astype(mesh.vertices.dtype)
+
+
+def _filtered(view: LightView, drawn, place: Receiver, settings: ShadowMap) -> Float[Array, "*b"]:
     """The share of a map's texels about each place that leave it lit."""
     bias = base_bias(place, settings.constant_bias, settings.slope_bias)
+    if settings.filter == "moments":
+        return moments(place, drawn, bias, settings.width)
+    occluders = drawn.reshape(-1)
 
     def threshold(column, line):
         rise = plane_bias(place, column + 0.5, line + 0.5, settings.receiver_plane)
@@ -156,19 +171,23 @@ def _filtered(view: LightView, occluders: Array, place: Receiver, settings: Shad
     return penumbra(place, view, jnp.max(occluders), depth, threshold, size, settings.taps)
 
 
+def _lit(view: LightView, weight: Array, surface: Surface, mesh: Mesh, settings: ShadowMap) -> Float[Array, "*b"]:
+    """The share of the light that pixels see in one view, 1 outside of it."""
+    if settings.filter == "exact":
+        place = receiver(view, leave(surface, view, mesh), surface.geometric_normal)
+        return exact(view, place, surface.mask & (weight * inside(view, place) > 0), mesh)
+    drawn, normal = _drawn(view, mesh, settings), surface.geometric_normal
+    place = receiver(view, offset_along_normal(view, surface.position, normal, settings.normal_offset), normal)
+    return 1.0 - inside(view, place) * (1.0 - _filtered(view, drawn, place, settings))
+
+
 def _share(kind, light, surface, mesh, camera, settings):
     """How much of one light each pixel sees."""
     views, weights = VIEWS[kind](light, surface, mesh, camera, settings)
 
     def subtract(share, one):
         view, weight = one
-        clip, faces = light_clip(view, mesh.vertices), _kept(mesh, view, settings.casters)
-        occluders = rasterize_depth(clip, faces, height=view.size, width=view.size).reshape(-1)
-        position = surface.position
-        position = offset_along_normal(view, position, surface.geometric_normal, settings.normal_offset)
-        place = receiver(view, position, surface.geometric_normal)
-        lit = _filtered(view, occluders.astype(position.dtype), place, settings)
-        return share - weight * inside(view, place) * (1.0 - lit), None
+        return share - weight * (1.0 - _lit(view, weight, surface, mesh, settings)), None
 
     share, _ = lax.scan(subtract, jnp.ones_like(surface.alpha), (views, weights))
     return kept(jnp.clip(share, 0.0, 1.0), surface.mask)
@@ -178,7 +197,9 @@ def _share(kind, light, surface, mesh, camera, settings):
 def _shares(kind, lights, surface, mesh, camera, settings):
     """The same for each of several lights of a kind."""
     if settings.filter == "exact":
-        return exact(kind, lights, surface, mesh)
+        # Tiles in place of texels, and laid about what is seen.
+        resolution = tiles(mesh.faces.shape[0]) * (2 if kind == "point" else 1)
+        settings = replace(settings, resolution=resolution, cascades=max(1, settings.cascades))
     # One light after the other: side by side they would need the memory of several pictures each.
     return lax.map(lambda light: _share(kind, light, surface, mesh, camera, settings), lights)
 
@@ -189,10 +210,11 @@ def shadow_map(
     """The share in [0, 1] of each light that reaches every pixel, for all kinds of which a light has a map."""
     # Which lights have a map shall not key the compilation of how they are drawn.
     any_light = replace(settings, directional=None, point=None, spot=None)
-    inputs = jax.tree.map(lax.stop_gradient, (surface, mesh, camera, any_light))
+    hold = (lambda leaf: leaf) if settings.filter == "moments" else lax.stop_gradient
+    lights, *inputs = jax.tree.map(hold, (lights, surface, mesh, camera, any_light))
     shares = {}
     for kind in VIEWS:
-        every = jax.tree.map(lax.stop_gradient, getattr(lights, kind))
+        every = getattr(lights, kind)
         count = jax.tree.leaves(every)[0].shape[0]
         rows = _rows(settings, kind, count)
         if not rows or mesh.faces.shape[0] == 0:

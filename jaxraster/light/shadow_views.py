@@ -17,10 +17,11 @@ from .shadow_cascades import cascades
 from .shadow_frame import NARROW, SIDES, WIDE, axes_towards, central_view, parallel_view, rotate
 
 
-def _in_use(mesh: Mesh) -> Bool[Array, "v 1"]:
-    """Which vertices belong to a face and are finite: what a map is fitted to."""
+def _in_use(mesh: Mesh) -> tuple[Float[Array, "v 3"], Bool[Array, "v 1"]]:
+    """Vertices, 0 for those that are not finite, and which of the others belong to a face: what a map is fitted to."""
     used = jnp.zeros(mesh.vertices.shape[0], bool).at[mesh.faces].set(True)
-    return used[:, None] & jnp.all(jnp.isfinite(mesh.vertices), axis=-1, keepdims=True)
+    finite = jnp.all(jnp.isfinite(mesh.vertices), axis=-1, keepdims=True)
+    return jnp.where(finite, mesh.vertices, 0.0), used[:, None] & finite
 
 
 def _bounds(points: Float[Array, "n 3"], among: Bool[Array, "n 1"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
@@ -33,8 +34,8 @@ def _bounds(points: Float[Array, "n 3"], among: Bool[Array, "n 1"]) -> tuple[Flo
 def _directional(light, surface, mesh, camera, settings):
     """The views of a directional light, and the weight of each at every pixel."""
     axes = axes_towards(-safe.normalize(light.direction))
-    vertices = jnp.stack(rotate(axes, mesh.vertices), axis=-1)
-    low, high = _bounds(vertices, _in_use(mesh))
+    vertices, among = _in_use(mesh)
+    low, high = _bounds(jnp.stack(rotate(axes, vertices), axis=-1), among)
     view = parallel_view(axes, low, high, settings.resolution, settings.margin)
     if settings.cascades:
         return cascades(view, surface, camera, settings.cascades, settings.split)
@@ -43,8 +44,9 @@ def _directional(light, surface, mesh, camera, settings):
 
 def _far(light, mesh):
     """The distance of the farthest vertex from a lamp."""
-    away = mesh.vertices - jnp.broadcast_to(light.position, mesh.vertices.shape)
-    return jnp.max(jnp.where(_in_use(mesh), jnp.abs(away), 0.0)) * 3.0**0.5
+    vertices, among = _in_use(mesh)
+    away = vertices - jnp.broadcast_to(light.position, vertices.shape)
+    return jnp.max(jnp.where(among, jnp.abs(away), 0.0)) * 3.0**0.5
 
 
 def _spot(light, surface, mesh, camera, settings):

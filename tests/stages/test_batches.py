@@ -1,9 +1,13 @@
-"""Batches: mapped over cameras, vertices or both, inside `jit`, `grad` and `shard_map`, the bits of one by one."""
+"""Batches: mapped over cameras, vertices or both, inside `jit`, `grad` and `shard_map`, the bits of one by one.
+
+And whole pictures mapped over lights and over materials: what a loop draws, and its gradients.
+"""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import small
 from devices import run_on_devices
 from small import camera
 
@@ -61,6 +65,46 @@ def test_gradients_of_a_batch_are_those_of_its_members():
     for ours, theirs in zip(batch, singles):
         # Sums over pixels may be formed in another order.
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6 * float(jnp.abs(theirs).max()))
+
+
+LIT = small.scene(
+    [{"roughness": 0.4}, {"metallic": 0.5}, {"emissive": (0.5, 0.2, 0.1)}, {}, {}],
+    directional=[((-0.4, -1.0, -0.3), 2.0)],
+    spot=[((1.5, 2.5, 1.0), (-0.5, -0.8, -0.4), 5.0)],
+)
+PLAN = jr.Plan(
+    width=small.WIDTH,
+    height=small.HEIGHT,
+    texture_slots=(),
+    light_kinds=("directional", "spot"),
+    shadow_map=jr.ShadowMap(resolution=64, filter="moments", directional=(0,), spot=()),
+    **dict.fromkeys(("ambient", "background")),
+)
+WEIGHTS = np.random.default_rng(1).uniform(0.5, 1.5, (small.HEIGHT, small.WIDTH, 3)).astype(np.float32)
+VALUES, rebuild = jr.parameters(LIT, ("lights.directional", "lights.spot", "materials"))
+
+
+@jax.value_and_grad
+def shine(values):
+    """A weighted mean of the light, and its gradient in all of lights and materials."""
+    return (jr.render(rebuild(values), small.camera(), PLAN).hdr * WEIGHTS).mean()
+
+
+def test_pictures_and_their_gradients_mapped_over_lights_and_materials_are_the_loop_s():
+    """Of three members the first has other lights, the second other materials, the last both."""
+
+    def scaled(part, scale):
+        return {name: value * (scale if name.startswith(part) else 1.0) for name, value in VALUES.items()}
+
+    several = [scaled("lights", 0.8), scaled("materials", 0.9), scaled(("lights", "materials"), 0.7)]
+    together, one_by_one = jax.jit(jax.vmap(shine))(stacked(several)), jax.jit(shine)
+    loop = stacked([one_by_one(one) for one in several])
+    assert len(np.unique(loop[0])) == 3
+    for name in ("lights.directional.direction", "lights.spot.position", "materials.base_color"):
+        assert (np.asarray(loop[1][name]) != 0).any(), name
+    for (path, ours), theirs in zip(jax.tree_util.tree_leaves_with_path(together), jax.tree.leaves(loop), strict=True):
+        # Sums over pixels may be formed in another order.
+        np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5 * float(jnp.abs(theirs).max()), err_msg=str(path))
 
 
 SHARDED = """
