@@ -1,9 +1,9 @@
 """Light of an environment map: `python -m benchmarks.ambient [--size PX] [--runs N] [--samples N] [--map FILE]`.
 
-What it costs: a picture of 1024 x 512 made ready, and a sphere that fills a picture lit by it in several ways, in
-milliseconds, taking turns. How exact it is: spheres of every metallic and roughness beside the same light drawn at
-random, from the full picture and by the whole BRDF, without shadows. The root of the mean squared difference over the
-mean light, and the difference of the means, in per cent; suns are cut out of the picture first, on both sides.
+What it costs: a picture made ready, and a sphere that fills a picture lit by it in several ways, in milliseconds,
+taking turns. How exact it is: spheres of every metallic and roughness beside the same light drawn at random, from the
+full picture and by the whole BRDF, without shadows. The root of the mean squared difference over the mean light, and
+the difference of the means, in per cent; suns are cut out of the picture first, on both sides.
 """
 
 import argparse
@@ -87,81 +87,83 @@ def drawn(surface: jr.Surface, texels: jax.Array, samples: int) -> jax.Array:
     return lax.scan(add, 0.0 * n * one[..., None], jnp.arange(samples, dtype=jnp.uint32))[0] / samples
 
 
-def errors(texels: jax.Array, settings: Ambient, samples: int) -> dict[tuple[float, float], tuple[float, float]]:
-    """By metallic and roughness: the relative root mean square, and the relative difference of the means."""
-    ready = prepare(texels)
+def ways(texels: jax.Array) -> dict[str, tuple[jr.Environment, Ambient]]:
+    """How surfaces may be lit by a picture of all directions, or by what stands for it."""
     dark = jnp.zeros(3)
-    surroundings = jr.Environment(up=jnp.array([0.0, 1.0, 0.0]), sky=dark, ground=dark, map=ready)
-    shade = jax.jit(lambda surface: sum(ambient(surface, surroundings, settings)))
-    found = {}
+    full = jr.Environment(up=jnp.array([0.0, 1.0, 0.0]), sky=dark, ground=dark, map=prepare(texels))
+    mean = full.map.harmonics[0] * 0.5 / np.sqrt(np.pi)
+    return {
+        "one tone, the mean": (replace(full, sky=mean, ground=mean, map=None), Ambient()),
+        "harmonics alone": (full, Ambient(specular=False)),
+        "map of irradiance alone": (full, Ambient(diffuse="map", specular=False)),
+        "harmonics and mirrored picture, the default": (full, Ambient()),
+        "map of irradiance and mirrored picture": (full, Ambient(diffuse="map")),
+    }
+
+
+def shade(surface: jr.Surface, environment: jr.Environment, settings: Ambient) -> jax.Array:
+    """Ambient light of every point."""
+    return jnp.add(*ambient(surface, environment, settings))
+
+
+def errors(texels: jax.Array, samples: int) -> dict[str, dict[tuple[float, float], tuple[float, float]]]:
+    """Of each way, by metallic and roughness: the root mean square, and the difference of the means."""
+    found = {name: {} for name in ways(texels)}
+    lit = jax.jit(shade)
     for metallic in METALLIC:
         for roughness in ROUGHNESS:
             surface = sphere(ACROSS, metallic, roughness)
             mask = np.asarray(surface.mask)
             truth = np.asarray(drawn(surface, texels, samples), np.float64)[mask]
-            off = np.asarray(shade(surface), np.float64)[mask] - truth
-            found[metallic, roughness] = np.sqrt((off**2).mean()) / truth.mean(), off.mean() / truth.mean()
+            for name, way in ways(texels).items():
+                off = np.asarray(lit(surface, *way), np.float64)[mask] - truth
+                found[name][metallic, roughness] = np.sqrt((off**2).mean()) / truth.mean(), off.mean() / truth.mean()
     return found
 
 
-def print_errors(name: str, found: dict) -> None:
-    """As a table: the root mean square and, in brackets, the means' difference."""
-    print(f"\n{name}: error, %\n\n| metallic | " + " | ".join(f"r = {r:g}" for r in ROUGHNESS) + " |")
-    print("|---" * (1 + len(ROUGHNESS)) + "|")
-    for metallic in METALLIC:
-        cells = (f"{100 * found[metallic, r][0]:.1f} ({100 * found[metallic, r][1]:+.1f})" for r in ROUGHNESS)
-        print(f"| {metallic:g} | {' | '.join(cells)} |")
-
-
 def costs(texels: jax.Array, size: int, runs: int) -> dict[str, float]:
-    """Milliseconds of each."""
-    ready, dark, tone = prepare(texels), jnp.zeros(3), jnp.ones(3)
-    tones = jr.Environment(up=jnp.array([0.0, 1.0, 0.0]), sky=tone, ground=dark)
-    surroundings = replace(tones, map=ready)
-    surface = sphere(size, 0.5, 0.3)
-    shade = jax.jit(lambda s, e, settings: ambient(s, e, settings))
-    ways = {
-        "two tones": (tones, Ambient()),
-        "harmonics alone": (surroundings, Ambient(specular=False)),
-        "map of irradiance alone": (surroundings, Ambient(diffuse="map", specular=False)),
-        "harmonics and specular": (surroundings, Ambient()),
-        "map of irradiance and specular": (surroundings, Ambient(diffuse="map")),
+    """Milliseconds of each way, and of making the picture ready."""
+    surface, lit = sphere(size, 0.5, 0.3), jax.jit(shade)
+    calls = {"prepare": lambda: jax.block_until_ready(prepare(texels))}
+    calls |= {
+        name: functools.partial(lambda *way: jax.block_until_ready(lit(surface, *way)), *way)
+        for name, way in ways(texels).items()
     }
-    calls = {
-        name: functools.partial(lambda *a: jax.block_until_ready(shade(*a)), surface, *way)
-        for name, way in ways.items()
-    }
-    calls = {"prepare": lambda: jax.block_until_ready(prepare(texels)), **calls}
     for call in calls.values():
         call()
     return turns(calls, runs)
 
 
-def main() -> None:
+def rms(found: dict, metallic: float) -> float:
+    """Over all roughnesses, in per cent."""
+    return 100 * np.sqrt(np.mean([found[metallic, roughness][0] ** 2 for roughness in ROUGHNESS]))
+
+
+def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.ambient", description=__doc__.splitlines()[0].split(":")[0]
     )
     parser.add_argument("--size", type=int, default=512, metavar="PX", help="a side of the sphere's picture")
+    parser.add_argument("--height", type=int, default=512, metavar="PX", help="lines of the sky's picture")
     parser.add_argument("--runs", type=int, default=7, metavar="N", help="the fastest of so many is quoted")
+    parser.add_argument("--samples", type=int, default=1024, metavar="N", help="random directions of each kind")
     parser.add_argument(
-        "--samples", type=int, default=4096, metavar="N", help="random directions of each kind; 0: none"
+        "--map", type=pathlib.Path, metavar="FILE", help="a picture of all directions (.hdr) in place of the clear sky"
     )
-    parser.add_argument(
-        "--map", type=pathlib.Path, metavar="FILE", help="a picture of all directions (.hdr) beside the sky"
-    )
-    options = parser.parse_args()
-    maps = {"sky": sky((1.0, 1.0, 0.5), height=512, width=1024, gain=1e-4)[0]}
-    if options.map:
-        maps[options.map.stem] = jnp.asarray(cut_suns(read_hdr(options.map))[0])
-    if options.runs:
-        print(f"| what | ms at {options.size} px |\n|---|--:|")
-        for name, best in costs(maps["sky"], options.size, options.runs).items():
-            print(f"| {name} | {best:.1f} |", flush=True)
-    if options.samples:
-        for name, texels in maps.items():
-            for diffuse in ("harmonics", "map"):
-                found = errors(texels, Ambient(diffuse=diffuse), options.samples)
-                print_errors(f"{name}, {diffuse}", found)
+    options = parser.parse_args(arguments)
+    size = {"height": options.height, "width": 2 * options.height}
+    texels = jnp.asarray(cut_suns(read_hdr(options.map))[0]) if options.map else sky((1.0, 1.0, 0.5), **size)[0]
+    found, best = errors(texels, options.samples), costs(texels, options.size, options.runs)
+    height, width, _ = texels.shape
+    print(f"{width} x {height} texels made ready in {best['prepare']:.0f} ms\n")
+    print("| setting | ms | plastic: error, % | metal: error, % | means, % |\n|---|--:|--:|--:|--:|")
+    for name, of in found.items():
+        means = 100 * max(abs(bias) for _, bias in of.values())
+        print(f"| {name} | {best[name]:.1f} | {rms(of, 0.0):.1f} | {rms(of, 1.0):.1f} | {means:.1f} |")
+    print("\n| metallic | " + " | ".join(f"r = {r:g}" for r in ROUGHNESS) + " |\n|---|" + "--:|" * len(ROUGHNESS))
+    for metallic in METALLIC:
+        cells = (found["harmonics and mirrored picture, the default"][metallic, r] for r in ROUGHNESS)
+        print(f"| {metallic:g} | " + " | ".join(f"{100 * off:.1f} ({100 * bias:+.1f})" for off, bias in cells) + " |")
 
 
 if __name__ == "__main__":

@@ -114,12 +114,17 @@ class _Facts:
         return bool((around.suns.irradiance != 0).any()) or self.differentiated("environment.map.suns.irradiance")
 
     def smooth(self) -> bool:
-        """Whether a material in use mirrors more sharply than the widest lobe."""
-        materials = self.scene.materials
-        rough = (materials.roughness[..., self.used] >= ROUGH).all() and not self.textured("metallic_roughness").any()
-        coated = materials.clearcoat is not None and (materials.clearcoat[..., self.used, 0] != 0).any()
+        """Whether a material in view mirrors more sharply than the widest lobe."""
+        materials, rows = self.scene.materials, self.used
+        if not self.moves():
+            faces = [v.faces[face] for v in self.views for face, _ in v.receivers]
+            rows = np.unique(self.scene.mesh.material[faces])
+        sharp = (materials.roughness[..., rows] < ROUGH).any() or (
+            materials.metallic_roughness_texture[rows] >= 0
+        ).any()
+        coated = materials.clearcoat is not None and (materials.clearcoat[..., rows, 0] != 0).any()
         names = ("materials.roughness", "materials.clearcoat")
-        return bool(not rough or coated) or any(self.differentiated(name) for name in names)
+        return bool(sharp or coated) or any(self.differentiated(name) for name in names)
 
     @functools.cached_property
     def views(self) -> list[View]:
@@ -210,7 +215,7 @@ def _specular(facts: _Facts, lit: bool) -> Reason:
     if facts.scene.environment.map is None:
         return Reason(False, "the environment has no map to mirror")
     smooth = facts.smooth()
-    return Reason(smooth, f"{'a' if smooth else 'no'} material in use is smoother than a roughness of {ROUGH}")
+    return Reason(smooth, f"{'a' if smooth else 'no'} material in view is smoother than a roughness of {ROUGH}")
 
 
 def _concrete(scene: Scene, camera: Camera) -> None:

@@ -37,6 +37,7 @@ class View(NamedTuple):
     """What one camera of a batch sees of one member's mesh."""
 
     triangles: np.ndarray
+    faces: np.ndarray  # their numbers in the mesh
     receivers: list
     culled: np.ndarray  # of each triangle, whether its back is not drawn
     eye: np.ndarray  # a place and 1, or the direction back to a camera without perspective and 0
@@ -65,7 +66,9 @@ def _view(corners, faces, culled, pose, matrix, lens, *, height: int) -> View:
     pixels = w * 2.0 / (height * abs(float(lens[1, 1])))
     areas = [np.linalg.norm(np.cross(*(polygon[1:3] - polygon[0]))) for _, polygon in some]
     eye = np.append(pose[:3, 3], 1.0) if lens[3, 2] != 0 else np.append(pose[:3, 2], 0.0)
-    return View(triangles, receivers, culled, eye, size, places, pixels, np.array(areas) / pixels**2)
+    return View(
+        triangles, np.flatnonzero(finite), receivers, culled, eye, size, places, pixels, np.array(areas) / pixels**2
+    )
 
 
 def views(vertices: np.ndarray, faces: np.ndarray, culled: np.ndarray, camera: Camera, size: dict) -> list[View]:

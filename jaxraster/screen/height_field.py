@@ -1,4 +1,4 @@
-"""The picture as a height field: at each pixel how deep the surface lies, on which ray, and which way it faces.
+"""The picture as a height field: at each pixel how deep the surface lies, on which ray, and which ways it faces.
 
 View space in planes [h, w], y up, and without metres: lengths are counted in `unit`, the least depth seen, or half of
 the picture's height for a parallel projection, so that nothing depends on a scene's scale. Depth is -z.
@@ -20,7 +20,7 @@ Planes = tuple[Float[Array, "h w"], ...]
 
 @record
 class HeightField:
-    """Depth, 1 where there is nothing; the normal, towards the viewer or 0; and the rays through pixels.
+    """Depth, 1 where there is nothing; normals towards the viewer or 0, to shade with and the face's own; and rays.
 
     A ray's x and y where z = -1, or where it is for a parallel projection, are `centre` in the middle of the picture,
     and change by `across` with each pixel to the right and by `down` with each line.
@@ -29,6 +29,7 @@ class HeightField:
     mask: Bool[Array, "h w"]
     depth: Float[Array, "h w"]
     normal: tuple[Float[Array, "h w"], Float[Array, "h w"], Float[Array, "h w"]]
+    geometric: tuple[Float[Array, "h w"], Float[Array, "h w"], Float[Array, "h w"]]
     centre: Float[Array, "2"]
     across: Float[Array, "2"]
     down: Float[Array, "2"]
@@ -42,7 +43,11 @@ def turned(vectors: Float[Array, "*b 3"], rotation: Float[Array, "3 3"]) -> tupl
 
 
 def height_field(
-    mask: Bool[Array, "h w"], position: Float[Array, "h w 3"], normal: Float[Array, "h w 3"], camera: Camera
+    mask: Bool[Array, "h w"],
+    position: Float[Array, "h w 3"],
+    normal: Float[Array, "h w 3"],
+    geometric: Float[Array, "h w 3"],
+    camera: Camera,
 ) -> HeightField:
     """The height field of one picture in world space; where `mask` is false there is nothing."""
     height = mask.shape[0]
@@ -69,6 +74,7 @@ def height_field(
         mask=mask,
         depth=jnp.where(mask, depth, 1.0),
         normal=turned(normal, rotation),
+        geometric=turned(geometric, rotation),
         centre=jnp.stack([x, y]),
         across=jnp.stack([right, jnp.zeros_like(right)]),
         down=jnp.stack([skew * up, -up]),

@@ -1,10 +1,10 @@
 """Ambient occlusion from the horizons of the height field that is on the screen.
 
 V = Σ_slices w ∫ (n·ω) sin θ dθ between both horizons, over the same without them: exactly 1 where nothing is in front
-of the tangent plane, in however few slices. A slice contains the direction to the viewer and a line on the screen; w is
-how much of a turn about that direction it stands for, as lines evenly spread on the screen are not so around an oblique
-ray. Horizons reach `radius` metres from the pixel. What is outside of the picture, or hidden, occludes nothing.
-Background is 1. Does not affect: direct light.
+of the face's own plane, in however few slices and whatever the normal n that it is shaded with. A slice contains the
+direction to the viewer and a line on the screen; w is how much of a turn about that direction it stands for, as lines
+evenly spread on the screen are not so around an oblique ray. Horizons reach `radius` metres from the pixel. What is
+outside of the picture, or hidden, occludes nothing. Background is 1. Does not affect: direct light.
 
 Lines take the same steps at every fourth pixel (`sweep`), and 4 × 4 pixels are brought together (`denoise`), both sums
 before one is divided by the other.
@@ -31,7 +31,7 @@ from ..buffers import Occlusion, Surface
 from ..math.table import apart
 from ..record import Scalar, record, static
 from ..scene import Camera
-from .arc import arc, arccos, mean_direction
+from .arc import arc, mean_direction
 from .border import remaining
 from .height_field import HeightField, Planes, plane_at
 from .occlusion import on_screen
@@ -80,16 +80,20 @@ class HorizonAO:
 
 
 class _Tile(NamedTuple):
-    """Each fourth pixel's |r| z_p, |r|, r̂ and normal; |r| and -|r| z_p for a parallel projection."""
+    """Each fourth pixel's |r| z_p, |r|, r̂, normal and n·v; |r| and -|r| z_p for a parallel projection.
+
+    `slope` is of the face's plane: g + ô·r̂ of its places is the slope's product with ô.
+    """
 
     scale: Array
     shift: Array
     ray: tuple[Array, ...]
     normal: tuple[Array, ...]
     n_dot_v: Array
+    slope: tuple[Array, ...]
 
 
-def _tile(field: HeightField, phase, depth, *normal) -> _Tile:
+def _tile(field: HeightField, phase, depth, *normals) -> _Tile:
     column, line = (lax.broadcasted_iota(depth.dtype, depth.shape, axis) for axis in (1, 0))
     column, line = (
         TILE * at + offset.astype(depth.dtype) for at, offset in ((column, phase % TILE), (line, phase // TILE))
@@ -98,24 +102,24 @@ def _tile(field: HeightField, phase, depth, *normal) -> _Tile:
     square = 1.0 + x * x + y * y
     shrink = lax.rsqrt(square)
     ray, stretch = (x * shrink, y * shrink, -shrink), square * shrink
-    n_dot_v = jnp.maximum(-sum(a * b for a, b in zip(normal, ray)), 0.0)
+    normal, face = normals[:3], normals[3:]
+    n_dot_v, face_dot_v = (jnp.maximum(-sum(a * b for a, b in zip(n, ray)), 0.0) for n in (normal, face))
+    slope = tuple(-part / jnp.maximum(face_dot_v, EDGE_ON) for part in face[:2])
     scale = jnp.where(field.perspective, stretch * depth, stretch)
     shift = jnp.where(field.perspective, stretch, -stretch * depth)
-    scale, shift, ray, n_dot_v = lax.optimization_barrier((scale, shift, ray, n_dot_v))
-    return _Tile(scale=scale, shift=shift, ray=ray, normal=normal, n_dot_v=n_dot_v)
+    scale, shift, ray, n_dot_v, slope = lax.optimization_barrier((scale, shift, ray, n_dot_v, slope))
+    return _Tile(scale=scale, shift=shift, ray=ray, normal=normal, n_dot_v=n_dot_v, slope=slope)
 
 
 def _slice(tile: _Tile, along) -> tuple[Array, Array, Array]:
-    """ô·r̂, b² and b n·d of a direction, d being the part of ô that is perpendicular to the ray, made unit."""
+    """ô·r̂ and b² of a direction, and g of the face's own plane."""
     aside = along[0] * tile.ray[0] + along[1] * tile.ray[1]
-    n_dot_d = tile.normal[0] * along[0] + tile.normal[1] * along[1] + aside * tile.n_dot_v
-    return aside, 1.0 - aside * aside, n_dot_d
+    return aside, 1.0 - aside * aside, along[0] * tile.slope[0] + along[1] * tile.slope[1] - aside
 
 
 def _highest(field: HeightField, nearness, tile: _Tile, line: Sweep, kept, settings: HorizonAO):
-    """The greatest g along a line, at least the tangent plane's."""
-    aside, out, n_dot_d = _slice(tile, line.along)
-    plane = -n_dot_d / jnp.maximum(tile.n_dot_v, EDGE_ON)
+    """The greatest g along a line, at least the face's plane's."""
+    aside, out, plane = _slice(tile, line.along)
     # In squares of distances over the radius the weight is 1 up to (1 - falloff)² and 0 from 1 on.
     width = SHARPEST + 1.0 - (1.0 - settings.falloff) ** 2
     per_square = 1.0 / jnp.maximum(width * (settings.radius / field.unit) ** 2, FAINT)
@@ -148,21 +152,26 @@ def _kept(lines: Sweep, shape, height: int, width: int, edge) -> tuple[Array, Ar
 
 def _arcs(tile: _Tile, along, ahead, behind):
     """Of a slice, what is seen of how much between its horizons, and the parts of the mean direction along v and d that
-    the horizons take away."""
-    _, out, n_dot_d = _slice(tile, along)
-    n_dot_v, n_dot_d = tile.n_dot_v, n_dot_d * lax.rsqrt(out)
+    the horizons take away.
+
+    Without them all is seen that lies above both planes, the face's and the one perpendicular to the normal.
+    """
+    aside, out, plane = _slice(tile, along)
+    n_dot_v = tile.n_dot_v
+    n_dot_d = (tile.normal[0] * along[0] + tile.normal[1] * along[1] + aside * n_dot_v) * lax.rsqrt(out)
     tilt = n_dot_d * lax.rsqrt(jnp.maximum(n_dot_v * n_dot_v + n_dot_d * n_dot_d, FAINT))
-    seen, along_v, along_d = 0.0, -2 / 3 * n_dot_v, -4 / 3 * n_dot_d
+    seen = whole = along_v = along_d = 0.0
     for side, g in ((1.0, ahead), (-1.0, behind)):
-        cosine = jnp.clip(g * lax.rsqrt(out + g * g), -side * tilt, 1.0)
-        seen = seen + arc(n_dot_v, side * n_dot_d, cosine)
-        v, d = mean_direction(n_dot_v, side * n_dot_d, cosine)
-        along_v, along_d = along_v + v, along_d + side * d
-    return seen, n_dot_v + n_dot_d * (np.pi / 2 - arccos(tilt)), along_v, along_d
+        least = jnp.clip(side * plane * lax.rsqrt(out + plane * plane), -side * tilt, 1.0)
+        cosine = jnp.clip(g * lax.rsqrt(out + g * g), least, 1.0)
+        seen, whole = (total + arc(n_dot_v, side * n_dot_d, c) for total, c in ((seen, cosine), (whole, least)))
+        (v, d), (all_v, all_d) = (mean_direction(n_dot_v, side * n_dot_d, c) for c in (cosine, least))
+        along_v, along_d = along_v + (v - all_v), along_d + side * (d - all_d)
+    return seen, whole, along_v, along_d
 
 
 def _together(tile: _Tile, lines: Sweep, horizons):
-    """From the horizons of all directions: what is seen, of how much, and the bent normal, of any length."""
+    """From the horizons of all directions: what is seen, of how much, and what bends the normal."""
     slices = horizons.shape[0] // 2
     seen = whole = weights = x = y = back = 0.0
     for s in range(slices):
@@ -173,9 +182,9 @@ def _together(tile: _Tile, lines: Sweep, horizons):
         d = weight * lax.rsqrt(out) * parts[3]
         seen, whole, weights = seen + weight * parts[0], whole + weight * parts[1], weights + weight
         x, y, back = x + d * along[0], y + d * along[1], back + weight * parts[2] + d * aside
-    free = 2 / 3 * weights
-    bent = (part * free + add - back * ray for part, add, ray in zip(tile.normal, (x, y, 0.0), tile.ray))
-    return seen, whole, *bent
+    # All of a hemisphere has a mean of two thirds of its normal.
+    bend = (1.5 / weights * (add - back * ray) for add, ray in zip((x, y, 0.0), tile.ray))
+    return seen, whole, *bend
 
 
 def _estimate(field: HeightField, settings: HorizonAO) -> Planes:
@@ -183,7 +192,7 @@ def _estimate(field: HeightField, settings: HorizonAO) -> Planes:
     around = margin(height, width)
     nearness = jnp.where(field.mask, jnp.where(field.perspective, 1.0 / field.depth, -field.depth), NOWHERE)
     nearness = tiles(nearness, NOWHERE, around)
-    planes = [tiles(plane, 1.0) for plane in (field.depth, *field.normal)]
+    planes = [tiles(plane, 1.0) for plane in (field.depth, *field.normal, *field.geometric)]
     nearness, planes = lax.optimization_barrier((nearness, planes))
 
     # Let lines reach as far as the radius does anywhere.

@@ -23,35 +23,33 @@ from .height_field import HeightField, Planes, height_field
 FAINT = 1e-12
 
 
-# From a height field and settings to five planes: how much light each pixel sees, of how much, and a vector of any
-# length along the bent normal.
+# From a height field and settings to five planes: how much light each pixel sees, of how much, and what bends its normal
+# when added to it, 0 where all is seen: so that what is averaged over neighbours leaves details of normals alone.
 Method = Callable[[HeightField, Any], Planes]
 
 
-def _one_picture(mask, position, normal, camera, settings, method):
-    field = height_field(mask, position, normal, camera)
+def _one_picture(mask, position, normal, geometric, camera, settings, method):
+    field = height_field(mask, position, normal, geometric, camera)
     # Divide sums, not each pixel by itself: those that look in other directions see other shares of the hemisphere.
-    light, whole, *bent = denoise(field, method(field, settings))
+    light, whole, *bend = denoise(field, method(field, settings))
     visibility = safe.divide(light, whole, 1.0)
-    # Make it unit in planes, where vectors are long, and only then turn it.
+    rotation = camera.world_from_view[:3, :3]
+    bent = [normal[..., i] + sum(bend[k] * rotation[i, k] for k in range(3)) for i in range(3)]
     square = sum(part * part for part in bent)
     bends = mask & (square > FAINT)
-    shrink = jnp.where(bends, lax.rsqrt(jnp.where(bends, square, 1.0)), 0.0)
-    rotation = camera.world_from_view[:3, :3]
-    turned_back = [shrink * sum(bent[k] * rotation[i, k] for k in range(3)) for i in range(3)]
-    world = [jnp.where(bends, part, normal[..., i]) for i, part in enumerate(turned_back)]
-    return jnp.where(mask, jnp.clip(visibility, 0.0, 1.0), 1.0), jnp.stack(world, axis=-1)
+    shrink = lax.rsqrt(jnp.where(bends, square, 1.0))
+    bent = [jnp.where(bends, shrink * part, normal[..., i]) for i, part in enumerate(bent)]
+    return jnp.where(mask, jnp.clip(visibility, 0.0, 1.0), 1.0), jnp.stack(bent, axis=-1)
 
 
 def on_screen(surface: Surface, camera: Camera, settings: Any, method: Method) -> Occlusion:
     """The occlusion of every picture, by a method for one of them."""
     *batch, height, width = surface.mask.shape
-    still = surface.mask, surface.position, surface.normal
+    still = surface.mask, surface.position, surface.normal, surface.geometric_normal
     parts, camera, settings = lax.stop_gradient((still, camera, settings))
 
     def make(parts):
-        mask, position, normal = parts
-        return _one_picture(mask, position, normal, camera, settings, method)
+        return _one_picture(*parts, camera, settings, method)
 
     def found(visibility, bent):
         visibility, bent = visibility.reshape(surface.mask.shape), bent.reshape(surface.normal.shape)
@@ -61,7 +59,7 @@ def on_screen(surface: Surface, camera: Camera, settings: Any, method: Method) -
         return found(*make(parts))
 
     def make_some(parts):
-        mask, _, normal = parts
+        mask, _, normal, _ = parts
         return lax.cond(jnp.any(mask), make, lambda _: (jnp.ones(mask.shape, normal.dtype), normal), parts)
 
     flat = [part.reshape(-1, height, width, *part.shape[len(batch) + 2 :]) for part in parts]

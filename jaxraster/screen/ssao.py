@@ -77,7 +77,7 @@ def _estimate(field: HeightField, settings: SSAO) -> Planes:
     seen = jnp.where(field.mask, field.depth, jnp.inf).reshape(-1)
 
     def add(total, point):
-        occluded, *bent = total
+        occluded, *hidden = total
         a, b = cosine * point[0] - sine * point[1], sine * point[0] + cosine * point[1]
         offset = [a * t + b * s + point[2] * n for t, s, n in zip(tangent, bitangent, field.normal)]
         column, line, depth = pixel_of(field, tuple(p + radius * o for p, o in zip(here, offset)))
@@ -87,13 +87,15 @@ def _estimate(field: HeightField, settings: SSAO) -> Planes:
         near = jnp.clip(2.0 - (field.depth - before) * per_radius, 0.0, 1.0)
         behind = jnp.where(inside & (depth > before + settings.bias * radius), near, 0.0)
         behind = behind * jnp.minimum(remaining(column, width, band), remaining(line, height, band))
-        length = (1.0 - behind) / safe.length(point)
-        return (occluded + behind, *(total + length * o for total, o in zip(bent, offset))), None
+        length = behind / safe.length(point)
+        return (occluded + behind, *(total + length * o for total, o in zip(hidden, offset))), None
 
     zero = jnp.zeros_like(field.depth)
     points = _points(settings.samples, field.depth.dtype)
-    occluded, *bent = lax.scan(add, (zero,) * 4, points)[0]
-    return 1.0 - occluded / settings.samples, zero + 1.0, *bent
+    occluded, *hidden = lax.scan(add, (zero,) * 4, points)[0]
+    # All of a hemisphere has a mean of two thirds of its normal.
+    bend = (-1.5 / settings.samples * part for part in hidden)
+    return 1.0 - occluded / settings.samples, zero + 1.0, *bend
 
 
 @jax.jit

@@ -133,13 +133,13 @@ def test_scale_does_not_matter(name):
 def test_a_pixel_alone_is_its_own_mean():
     alone = np.indices((SIZE, SIZE)).sum(axis=0) % 3 == 0
     lonely = replace(ROOM, mask=jnp.asarray(alone))
-    field = height_field(lonely.mask, lonely.position, lonely.normal, ABOVE)
+    field = height_field(lonely.mask, lonely.position, lonely.normal, lonely.normal, ABOVE)
     noise = jnp.asarray(np.random.default_rng(0).uniform(size=(SIZE, SIZE)), jnp.float32)
     (kept,) = denoise(field, (noise,))
     np.testing.assert_allclose(np.asarray(kept)[alone], np.asarray(noise)[alone], rtol=1e-6)
     # Where the surface goes on, what repeats every four pixels is gone.
     plane = cast([FLOOR], camera((0, 2, 2)), SIZE)
-    field = height_field(plane.mask, plane.position, plane.normal, camera((0, 2, 2)))
+    field = height_field(plane.mask, plane.position, plane.normal, plane.normal, camera((0, 2, 2)))
     pattern = jnp.tile(noise[:4, :4], (SIZE // 4, SIZE // 4))
     (mean,) = denoise(field, (pattern,))
     np.testing.assert_allclose(np.asarray(mean)[2:-2, 2:-2], np.asarray(pattern)[:4, :4].mean(), rtol=1e-5)

@@ -23,6 +23,7 @@ from jaxraster.plan import Plan
 from jaxraster.planner import Reason, explain, occluders, plan_for, shadow
 from jaxraster.scene import BLEND, LIGHT_KINDS, MASK, TEXTURE_SLOTS, Directional, Scene
 from jaxraster.scenes import SCENES, parts
+from jaxraster.screen.horizon import HorizonAO
 from jaxraster.stack import stack_lights
 from jaxraster.visibility.layers import Layers
 
@@ -392,6 +393,11 @@ def test_a_map_is_mirrored_by_what_is_smooth_alone():
     }.values():
         plan, reasons = plan_for(surrounded(rows_of), CAMERA, **SIZE)
         assert (plan.ambient.specular, reasons["ambient specular"].on) == (on, on)
+    # What is smooth must be in view, unless it may come into it.
+    hidden = small.scene([*rough[:BOX], {"roughness": 0.1}, *rough[BOX + 1 :]], {BOX: AWAY})
+    hidden = dataclasses.replace(hidden, environment=surrounded().environment)
+    assert not needs(hidden)["ambient specular"].on
+    assert needs(hidden, wrt=("mesh.vertices",))["ambient specular"].on
     assert needs(surrounded(rough), wrt=("materials.roughness",))["ambient specular"].on
     assert "no map" in needs(small.scene(sky=1.0))["ambient specular"].why
     assert "no ambient light" in needs(small.scene())["ambient specular"].why
@@ -630,7 +636,7 @@ def test_every_effect_of_a_built_in_scene_has_a_reason(name):
 def full(scene: Scene) -> Plan:
     """Everything on, and a map of every light."""
     layers = None if scene.materials.alpha_mode is None else Layers()
-    return Plan(**SIZE, shadow_map=ShadowMap(resolution=256), layers=layers)
+    return Plan(**SIZE, shadow_map=ShadowMap(resolution=256), layers=layers, occlusion=HorizonAO())
 
 
 EVERY = {f"{slot}_texture": NORMAL_TEXTURE if slot == "normal" else COLOUR_TEXTURE for slot in TEXTURE_SLOTS}
@@ -720,14 +726,14 @@ def test_the_picture_is_that_with_everything_on():
     @hypothesis.given(scenes)
     def check(values):
         scene, camera = build(values)
-        plan, reasons = plan_for(scene, camera, **SIZE, occlusion=None)
+        plan, reasons = plan_for(scene, camera, **SIZE)
         met.update((name, reason.on) for name, reason in reasons.items())
         assert_same_picture(scene, camera, plan)
 
     check()
     missing = {(name, on) for name in needs(small.scene()) for on in (True, False)} - met
-    # Lights with an area, maps and what hides the sky have tests of their own.
-    assert missing == {(name, True) for name in ("dither", "area", "ambient specular", "occlusion")}
+    # Lights with an area and maps have tests of their own.
+    assert missing == {(name, True) for name in ("dither", "area", "ambient specular")}
 
 
 def test_the_gradient_is_that_with_everything_on():
@@ -736,7 +742,7 @@ def test_the_gradient_is_that_with_everything_on():
     scene = small.scene([{**EVERY, **BLACK}] * 5, directional=[(SLANTED, 2.0)], sky=0.4)
     values, rebuild = parameters(scene, wrt)
     assert all((np.asarray(value)[..., :3] == 0).all() for value in values.values())
-    without, plan = (plan_for(scene, CAMERA, **SIZE, wrt=paths, occlusion=None)[0] for paths in ((), wrt))
+    without, plan = (plan_for(scene, CAMERA, **SIZE, wrt=paths)[0] for paths in ((), wrt))
     assert without.emission is None and without.light_kinds == ("directional",) and len(without.texture_slots) == 2
     weights = jnp.asarray(np.random.default_rng(5).uniform(0.5, 1.5, (HEIGHT, WIDTH, 3)), jnp.float32)
 

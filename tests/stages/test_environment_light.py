@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from hand_made import surface, towards
 
+from benchmarks.ambient import ACROSS, drawn, shade, ways
+from benchmarks.ambient import sphere as ball
 from jaxraster.brdf.clearcoat import clearcoat_share
 from jaxraster.buffers import Coat
 from jaxraster.environment.equirect import directions
 from jaxraster.environment.prepare import prepare
+from jaxraster.environment.sky import sky
 from jaxraster.light import ambient as ambient_file
 from jaxraster.light import environment as environment_file
 from jaxraster.light.ambient import Ambient
@@ -218,3 +221,26 @@ def test_settings_that_mean_nothing_are_refused(settings, message):
             Ambient(**settings)
     finally:
         jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.mark.parametrize(
+    ("metallic", "roughness", "most"),
+    [(0.0, 0.3, 0.015), (1.0, 0.1, 0.015), (1.0, 0.5, 0.045), (1.0, 1.0, 0.055)],
+)
+def test_a_lit_sphere_is_what_random_directions_gather(metallic, roughness, most):
+    """Of the whole BRDF, under a clear sky: the root mean square over the mean, of which 1 % is the drawing's noise.
+
+    What stands for the sky is farther off.
+    """
+    texels, _ = sky((1.0, 1.0, 0.5), height=64, width=128, gain=1e-4)
+    surface = ball(ACROSS, metallic, roughness)
+    truth = np.asarray(drawn(surface, texels, 4096), np.float64)[surface.mask]
+    off = {
+        name: np.asarray(shade(surface, *way), np.float64)[surface.mask] - truth for name, way in ways(texels).items()
+    }
+    found = {name: np.sqrt((of**2).mean()) / truth.mean() for name, of in off.items()}
+    one_tone, *alone, default, with_map = found.values()
+    assert max(default, with_map) < most
+    assert abs(off["harmonics and mirrored picture, the default"].mean()) < 0.01 * truth.mean()
+    assert one_tone > 3 * default
+    assert metallic == 0 or roughness == 1 or min(alone) > 2 * default
