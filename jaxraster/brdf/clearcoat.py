@@ -46,5 +46,5 @@ def clearcoat_lobe(
     lit = n_dot_l > 0
     n_dot_l = jnp.where(lit, n_dot_l, 0.0)
     n_dot_v = jnp.where(n_dot_v < MIN_N_DOT_V, MIN_N_DOT_V, n_dot_v)
-    lobe = ggx(n, safe.normalize(v + l), alpha) * smith_correlated(n_dot_v, n_dot_l, alpha) * n_dot_l
+    lobe = ggx(n, safe.unit(v + l), alpha) * smith_correlated(n_dot_v, n_dot_l, alpha) * n_dot_l
     return jnp.where(lit, lobe, 0.0)

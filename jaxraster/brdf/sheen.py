@@ -88,7 +88,7 @@ def sheen(
     Gradient: exact where n·l > 0, else 0; 0 in cosines below 0.001 and at h = n.
     """
     n_dot_l = safe.dot(n, l)
-    lobe = charlie(n, safe.normalize(v + l), alpha) * charlie_visibility(safe.dot(n, v), n_dot_l, alpha)
+    lobe = charlie(n, safe.unit(v + l), alpha) * charlie_visibility(safe.dot(n, v), n_dot_l, alpha)
     return color * jnp.where(n_dot_l > 0, lobe * n_dot_l, 0.0)[..., None]
 
 

@@ -25,7 +25,7 @@ def specular(
 ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"], Float[Array, "*b"], Float[Array, "*b"]]:
     """(D V F (n·l), F at v·h, n·v, n·l), the cosines raised to 1e-4 and 0."""
     n, v = surface.normal, surface.view
-    h = safe.normalize(v + l)
+    h = safe.unit(v + l)
     n_dot_l = safe.dot(n, l)
     lit = n_dot_l > 0
     n_dot_l = jnp.where(lit, n_dot_l, 0.0)

@@ -65,7 +65,7 @@ def _round(surface: Surface, lobe: Lobe, center: Color, right: Color, up: Color)
 def sphere(surface: Surface, lobe: Lobe, light: Sphere) -> Factors:
     """(towards its middle, form factor, form factor as the lobe sees it) of one light."""
     towards, radius2 = light.position - surface.position, light.radius * light.radius
-    l, square = safe.normalize(towards), safe.dot(towards, towards)
+    l, square = safe.unit(towards), safe.dot(towards, towards)
     # Inside of it, light comes as it does on the surface.
     outside = square > radius2
     square_sine = jnp.where(outside, safe.divide(radius2, square), jnp.where(radius2 > 0, 1.0, 0.0))
@@ -116,7 +116,7 @@ def _sum(surface, lights, gain, kinds, brdf, albedo):
         def add(total, light, factors=KINDS[kind]):
             light = jax.tree.map(lambda x: jnp.broadcast_to(x, (*surface.alpha.shape, *x.shape)), light)
             middle, diffuse, specular = factors(surface, lobe, light)
-            l = safe.normalize(middle)
+            l = safe.unit(middle)
             reflected = brdf(surface, l)[0] * safe.divide(jnp.pi * diffuse, safe.dot(n, l))[..., None]
             radiance = gain * light.radiance
             return (total[0] + reflected * radiance, total[1] + mirrored * specular[..., None] * radiance), None

@@ -45,7 +45,7 @@ def rays(camera: Camera, *, height: int, width: int) -> Float[Array, "h w 3"]:
     view_x, view_y = jnp.broadcast_arrays(view_x - skew * view_y, view_y)
     direction = jnp.stack([view_x, view_y, -jnp.ones_like(view_x)], axis=-1).reshape(-1, 3)
     turned = multiply(direction, camera.world_from_view[:3, :3].T)
-    return safe.normalize(turned).reshape(height, width, 3)
+    return safe.unit(turned).reshape(height, width, 3)
 
 
 def _discs(suns: Directional, direction: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:

@@ -39,7 +39,7 @@ def directional(surface: Surface, light: Directional) -> Arriving:
 def point(surface: Surface, light: Point | Spot) -> Arriving:
     """(l, irradiance) of one light, without leading count."""
     away = jnp.broadcast_to(light.position, surface.position.shape) - surface.position
-    l = safe.normalize(away)
+    l = safe.unit(away)
     square = safe.dot(away, away)
     square = jnp.where(square > MIN_SQUARE, square, 0.0)
     # Divide twice: the derivative of 1/range² at infinity would be 0 · inf. A range of 0 reaches nothing.

@@ -30,7 +30,7 @@ def offset_along_normal(
     """Positions moved to the light's side of their surface by `amount` texels times the sine of its incidence."""
     towards = jnp.broadcast_to(view.axes[2], position.shape)
     if view.central:
-        towards = safe.normalize(jnp.broadcast_to(view.origin, position.shape) - position)
+        towards = safe.unit(jnp.broadcast_to(view.origin, position.shape) - position)
     cosine = safe.dot(normal, towards)
     sine = safe.sqrt(1.0 - jnp.minimum(cosine * cosine, 1.0))
     texel = jnp.max(view.texel) * jnp.maximum(local(view, position)[1], 0.0)

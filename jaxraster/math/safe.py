@@ -74,6 +74,36 @@ def normalize(v: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
     return jnp.stack([jnp.where(usable, u * reciprocal, 0.0) for u in unit], axis=-1)
 
 
+# Lengths from 1e-18 to 1e18 have squares, and reciprocals, that float32 holds.
+SHORT, LONG = 1e-36, 1e36
+
+
+def _per_length(v: Float[Array, "*b n"]) -> Float[Array, "*b 1"]:
+    """1 / |v|, and 0 where its square is not between SHORT and LONG."""
+    square = dot(v, v)
+    usable = (square > SHORT) & (square < LONG)
+    return jnp.where(usable, lax.rsqrt(jnp.where(usable, square, 1.0)), 0.0)[..., None]
+
+
+@jax.custom_jvp
+def unit(v: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
+    """v / |v|, and 0 where |v| is below 1e-18, above 1e18 or not finite: for distances and sums of unit vectors.
+
+    Two passes over memory where `normalize`, right at any length, takes six: half of a frame's time.
+    Gradient: exact where normalized, (∂v - u u·∂v) / |v|; 0 elsewhere. JAX's own rule cubes 1 / |v|, which overflows
+    below 1e-13.
+    """
+    shrink = _per_length(v)
+    return jnp.where(shrink > 0.0, shrink * v, 0.0)
+
+
+@unit.defjvp
+def _unit_jvp(primals, tangents):
+    (v,), (v_dot,) = primals, tangents
+    u, shrink = unit(v), _per_length(v)
+    return u, jnp.where(shrink > 0.0, shrink * (v_dot - dot(u, v_dot)[..., None] * u), 0.0)
+
+
 def length(v: Float[Array, "*b n"]) -> Float[Array, "*b"]:
     """|v|, and NaN where v is not finite. Gradient: exact for |v| > TINY; 0 below, where the plain one is NaN at 0."""
     return dot(v, normalize(v))

@@ -62,7 +62,7 @@ def view_direction(position: Float[Array, "*b 3"], camera: Camera) -> Float[Arra
     """Unit vectors towards the viewer: to the eye, or backwards for a parallel projection."""
     eye, back = (jnp.broadcast_to(camera.world_from_view[:3, i], position.shape) for i in (3, 2))
     perspective = camera.clip_from_view[3, 2] != 0
-    return _unless_zero(safe.normalize(jnp.where(perspective, eye - position, back)), back)
+    return _unless_zero(safe.unit(jnp.where(perspective, eye - position, back)), back)
 
 
 def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], camera: Camera) -> Fragment:
@@ -82,7 +82,7 @@ def gather(scene: Scene, visibility: Visibility, clip: Float[Array, "v 4"], came
     view = view_direction(position, camera)
     # Where there is no surface, or none with a direction, face the viewer: nothing downstream meets a zero vector.
     flat = _unless_zero(rows(face_normals(mesh.vertices, mesh.faces), face, jnp.zeros(3, view.dtype)), view)
-    normal = _unless_zero(safe.normalize(weigh(finite(mesh.normals))), flat)
+    normal = _unless_zero(safe.unit(weigh(finite(mesh.normals))), flat)
     turn = jnp.where(safe.dot(flat, view) < 0, -1.0, 1.0).astype(normal.dtype)[..., None]
 
     def place(uvs):

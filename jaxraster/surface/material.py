@@ -60,7 +60,7 @@ def face_viewer(normal: Float[Array, "*b 3"], view: Float[Array, "*b 3"]) -> Flo
     would point into the surface. Gradient: exact.
     """
     missing = MIN_N_DOT_V - safe.dot(normal, view)
-    return jnp.where((missing > 0)[..., None], safe.normalize(normal + missing[..., None] * view), normal)
+    return jnp.where((missing > 0)[..., None], safe.unit(normal + missing[..., None] * view), normal)
 
 
 def material(

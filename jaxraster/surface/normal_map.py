@@ -21,11 +21,11 @@ def normal_map(
 ) -> Float[Array, "*b 3"]:
     """The unit shading normal of a unit interpolated normal and an interpolated tangent."""
     along = tangent[..., :3] - safe.dot(tangent[..., :3], normal)[..., None] * normal
-    along = safe.normalize(along)
+    along = safe.unit(along)
     # Interpolated between corners of one handedness the sign is ±1; take it as such where they disagree.
     handedness = jnp.where(tangent[..., 3:] < 0, -1.0, 1.0).astype(normal.dtype)
     across = handedness * jnp.cross(normal, along)
     direction = 2.0 * color - 1.0
     x, y, z = direction[..., :1] * scale[..., None], direction[..., 1:2] * scale[..., None], direction[..., 2:3]
-    mapped = safe.normalize(x * along + y * across + z * normal)
+    mapped = safe.unit(x * along + y * across + z * normal)
     return jnp.where(safe.dot(mapped, mapped)[..., None] > 0, mapped, normal)
