@@ -21,7 +21,7 @@ from .diffuse import lambert
 def blinn_phong(surface: Surface, l: Float[Array, "*b 3"]) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"]]:
     """Diffuse and specular reflectance times n·l, per unit irradiance at normal incidence."""
     n_dot_l = jnp.maximum(safe.dot(surface.normal, l), 0.0)
-    n_dot_h = safe.dot(surface.normal, safe.unit(surface.view + l))
+    n_dot_h = safe.dot(surface.normal, safe.normalize(surface.view + l))
     shininess = 2.0 / (surface.alpha * surface.alpha) - 2.0
     facing = n_dot_h > safe.TINY
     # exp2(s log2 x) costs a third of pow, and x is at most 1 + one rounding.

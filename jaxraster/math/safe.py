@@ -74,8 +74,8 @@ def normalize(v: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
     return jnp.stack([jnp.where(usable, u * reciprocal, 0.0) for u in unit], axis=-1)
 
 
-# Lengths from 1e-18 to 1e18 have squares, and reciprocals, that float32 holds.
-SHORT, LONG = 1e-36, 1e36
+# Squares of lengths from 1e-15, below which those of components vanish that still count, to 1e18.
+SHORT, LONG = 1e-30, 1e36
 
 
 def _per_length(v: Float[Array, "*b n"]) -> Float[Array, "*b 1"]:
@@ -87,7 +87,7 @@ def _per_length(v: Float[Array, "*b n"]) -> Float[Array, "*b 1"]:
 
 @jax.custom_jvp
 def unit(v: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
-    """v / |v|, and 0 where |v| is below 1e-18, above 1e18 or not finite: for distances and sums of unit vectors.
+    """v / |v|, and 0 where |v| is below 1e-15, above 1e18 or not finite: for distances and sums of unit vectors.
 
     Two passes over memory where `normalize`, right at any length, takes six: half of a frame's time.
     Gradient: exact where normalized, (∂v - u u·∂v) / |v|; 0 elsewhere. JAX's own rule cubes 1 / |v|, which overflows

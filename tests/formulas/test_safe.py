@@ -32,6 +32,7 @@ def divide(a, b):
 
 SQRT, DIVIDE = both_gradients(safe.sqrt, 1), both_gradients(divide, 2)
 NORMALIZE, LENGTH = both_gradients(safe.normalize, 1), both_gradients(safe.length, 1)
+UNIT = both_gradients(safe.unit, 1)
 
 
 @pytest.mark.parametrize(
@@ -124,13 +125,33 @@ def test_normalize_and_length(name):
             np.testing.assert_allclose(stretched, unit, rtol=1e-6, atol=3e-7)
 
 
-def test_normalize_is_right_to_two_ulp_at_any_length():
+@pytest.mark.parametrize("name", VECTORS)
+def test_unit_is_normalize_of_ordinary_lengths_and_zero_of_others(name):
+    v, expected, length = VECTORS[name]
+    ordinary = 1e-15 < length < 1e18
+    v, expected = jnp.array(v, jnp.float32), np.array(expected if ordinary else [0.0, 0.0, 0.0])
+    check(safe.unit(v), expected, rtol=3e-7)
+    project = (np.eye(3) - np.outer(expected, expected)) / length if ordinary else np.zeros((3, 3))
+    for (turned,) in UNIT(v):
+        np.testing.assert_allclose(turned, project, rtol=1e-6, atol=3e-7 * np.abs(project).max())
+
+
+@pytest.mark.parametrize("unit", [safe.unit, safe.normalize])
+def test_a_lane_that_is_not_a_number_leaves_the_others_alone(unit):
+    v = jnp.array([[NAN, 0.0, 0.0], [0.0, 0.0, 0.0], [INF, 1.0, 0.0], [3.0, 0.0, 4.0]])
+    check(unit(v), np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0.6, 0, 0.8]]), rtol=3e-7)
+    slope = jax.grad(lambda v: unit(v)[3, 0])(v)
+    check(slope, np.array([[0, 0, 0]] * 3 + [[0.128, 0, -0.096]]), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("normalize", "least", "most"), [(safe.normalize, -28, 37), (safe.unit, -13, 17)])
+def test_unit_vectors_are_right_to_two_ulp_at_any_length(normalize, least, most):
     rng = np.random.default_rng(0)
-    v = (rng.normal(size=(100_000, 3)) * 10.0 ** rng.uniform(-28, 37, (100_000, 1))).astype(np.float32)
+    v = (rng.normal(size=(100_000, 3)) * 10.0 ** rng.uniform(least, most, (100_000, 1))).astype(np.float32)
     exact = v.astype(np.float64)
     exact /= np.linalg.norm(exact, axis=1, keepdims=True)
-    for normalize in (safe.normalize, jax.jit(safe.normalize)):
-        unit = np.asarray(normalize(jnp.asarray(v)), np.float64)
+    for made in (normalize, jax.jit(normalize)):
+        unit = np.asarray(made(jnp.asarray(v)), np.float64)
         # 2^-22 is two ulp of a number just above a power of two.
         assert np.abs(unit / exact - 1).max() <= 2.0**-22
         assert np.abs(np.linalg.norm(unit, axis=1) - 1).max() <= 2.0**-22
