@@ -1,9 +1,8 @@
 """Ambient occlusion on the screen against rays: `python -m benchmarks.occlusion [--helmet FILE] [--pictures FOLDER]`.
 
-On the built-in stage and a file of the field: the mean difference from any-hit rays of the same reach, spread as the
-cosine about the shading normal, over what is seen; and the fastest of several runs of the occlusion alone, in
-milliseconds, all taking turns. Rays below the face itself count as occluded. Pictures show none, the classic, horizons
-and rays side by side.
+On two built-in scenes and a file of the field: the mean difference from any-hit rays of the same reach, spread as the
+cosine about the shading normal above the face itself, over what is seen; and the fastest of several runs of the
+occlusion alone, in milliseconds, all taking turns. Pictures show none, the classic, horizons and rays side by side.
 """
 
 import argparse
@@ -15,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxraster as jr
+from jaxraster.math import safe
 from jaxraster.math.hash import keyed
 from jaxraster.math.sampling import cosine_hemisphere
 from jaxraster.math.sobol import sobol
@@ -57,19 +57,20 @@ def seen(scene: jr.Scene, camera: jr.Camera, size: int) -> tuple[jr.Visibility, 
 
 
 def traced(scene: jr.Scene, tree: jr.Tree, visibility: jr.Visibility, surface: jr.Surface, radius: float, rays: int):
-    """The share of so many rays from each pixel that meet nothing."""
+    """The share of so many rays from each pixel, of those above its face, that meet nothing."""
     pixel = jnp.arange(surface.mask.size, dtype=jnp.uint32).reshape(surface.mask.shape)
 
-    def add(sample, total):
+    def add(sample, totals):
         local, _ = cosine_hemisphere(sobol(jnp.full_like(pixel, sample), keyed(pixel, 0)))
         axes = (*frame(surface.normal), surface.normal)
         direction = sum(local[..., k, None] * axis for k, axis in enumerate(axes))
         away = jr.spawn(scene.mesh.vertices, scene.mesh.faces, visibility.face, visibility.barycentric, direction)
-        hidden = jr.occluded(replace(away, t_max=radius), tree)
-        hidden |= jnp.sum(direction * surface.geometric_normal, axis=-1) <= 0
-        return total + jnp.where(hidden, 0.0, 1.0)
+        above = jnp.sum(direction * surface.geometric_normal, axis=-1) > 0
+        free = above & ~jr.occluded(replace(away, t_max=radius), tree)
+        return totals[0] + jnp.where(free, 1.0, 0.0), totals[1] + jnp.where(above, 1.0, 0.0)
 
-    return jax.lax.fori_loop(0, rays, add, jnp.zeros(surface.mask.shape)) / rays
+    free, above = jax.lax.fori_loop(0, rays, add, (jnp.zeros(surface.mask.shape),) * 2)
+    return safe.divide(free, above, 1.0)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -82,7 +83,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, default=5, metavar="N", help="the fastest of so many is quoted")
     parser.add_argument("--pictures", type=pathlib.Path, metavar="FOLDER", help="where to write pictures, too")
     options = parser.parse_args(arguments)
-    scenes = {"stage": jr.scenes.stage()} | ({options.helmet.stem: _load(options.helmet)} if options.helmet else {})
+    scenes = {"stage": jr.scenes.stage(), "cornell-box": jr.scenes.cornell_box()}
+    scenes |= {options.helmet.stem: _load(options.helmet)} if options.helmet else {}
     rays = f"{options.rays} rays"
     cells: dict[str, list[str]] = {name: [] for name in ("none", *SETTINGS, rays)}
     for file, (scene, camera) in scenes.items():

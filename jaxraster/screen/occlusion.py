@@ -23,8 +23,8 @@ from .height_field import HeightField, Planes, height_field
 FAINT = 1e-12
 
 
-# From a height field and settings to five planes: how much light each pixel sees, of how much, and what bends its normal
-# when added to it, 0 where all is seen: so that what is averaged over neighbours leaves details of normals alone.
+# From a height field and settings to five planes: how much light each pixel sees, of how much, and what, added to its
+# normal, bends it: 0 where all is seen, so that means over neighbours leave details of normals alone.
 Method = Callable[[HeightField, Any], Planes]
 
 
