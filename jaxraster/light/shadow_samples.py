@@ -14,9 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..math.scan import running_sum
 from ..math.table import fetch
 
-BLOCK = (
-    128  # samples that ask together: in larger ones more places stay empty, in smaller ones rows are fetched oftener
-)
+# Samples that ask together: in larger blocks more places stay empty, in smaller ones rows are fetched oftener.
+BLOCK = 128
 
 
 class Samples(NamedTuple):
