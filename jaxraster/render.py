@@ -51,7 +51,7 @@ def render(scene: Scene, camera: Camera, plan: Plan) -> Frame:
     Under jit return what is needed: the rest is dead code. Map over batches: `vmap(render, in_axes=(None, 0, None))`.
 
     Gradient: exact in everything that shades a visible point, and in how much of it is seen through what is blended; 0
-    through coverage, the depth test, holes in masked materials, what hides the sky, and shadows but those by "moments"."""
+    through coverage, the depth test, holes in masked materials, what hides the sky, and shadows but for "moments"."""
     scene, camera = as_arrays(scene, camera, plan)
     size = {"height": plan.height * plan.supersample, "width": plan.width * plan.supersample}
 
