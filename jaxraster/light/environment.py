@@ -10,15 +10,17 @@ from ..environment import octahedral, prefilter
 from ..environment.equirect import turned
 from ..environment.irradiance import CELLS
 from ..math.harmonics import irradiance
+from ..math.table import once
 from ..scene import EnvironmentMap
 
 
 def received(surroundings: EnvironmentMap, normal: Float[Array, "*b 3"], diffuse: str) -> Float[Array, "*b 3"]:
     """Irradiance over π, by "harmonics" or by the "map" of it."""
     direction = turned(normal, -surroundings.rotation)
+    # Once, or where paths of light are added up a polynomial or three rows would be evaluated for each channel.
     if diffuse == "harmonics":
-        return irradiance(surroundings.harmonics, direction)
-    return octahedral.lookup(surroundings.irradiance, direction, CELLS)
+        return once(lambda normal, light: irradiance(light, normal), direction, surroundings.harmonics)
+    return once(lambda normal, light: octahedral.lookup(light, normal, CELLS), direction, surroundings.irradiance)
 
 
 def mirrored(
