@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="what near things hide of ambient light: auto (default: as the planner finds), none, ssao or horizon",
     )
-    reach = "how near they must be (default: 0.25)"
+    reach = "how near they must be (default: 0.25); another one asks for horizons"
     option("--occlusion-radius", type=between(NEAREST, FARTHEST), metavar="METRES", help=reach)
     option("--dither", action="store_true", help="hide the steps of slow ramps under noise of one code")
     option("--supersample", type=whole(1, 8), default=1, metavar="N", help="N x N samples per pixel (default: 1)")
@@ -177,13 +177,12 @@ def _plan(scene, camera, arguments: argparse.Namespace):
     names = ("width", "height", "supersample", "tonemap", "exposure", "shading")
     asked = {name: getattr(arguments, name) for name in names}
     asked |= {"dither": Dither()} if arguments.dither else {}
-    if arguments.occlusion != "auto":
-        asked["occlusion"] = {"none": None, "ssao": SSAO(), "horizon": HorizonAO()}[arguments.occlusion]
-    plan, reasons = plan_for(scene, camera, **asked)
-    if plan.occlusion is not None and arguments.occlusion_radius is not None:
-        occlusion = dataclasses.replace(plan.occlusion, radius=arguments.occlusion_radius)
-        plan = dataclasses.replace(plan, occlusion=occlusion)
-    return plan, reasons
+    radius = {} if arguments.occlusion_radius is None else {"radius": arguments.occlusion_radius}
+    # The planner knows but one radius: another one asks for horizons.
+    if arguments.occlusion != "auto" or radius:
+        methods = {"none": lambda: None, "ssao": lambda: SSAO(**radius)}
+        asked["occlusion"] = methods.get(arguments.occlusion, lambda: HorizonAO(**radius))()
+    return plan_for(scene, camera, **asked)
 
 
 @contextlib.contextmanager

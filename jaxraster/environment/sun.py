@@ -1,8 +1,8 @@
 """Suns in a picture of all directions, taken out of it to become directional lights.
 
-A sun holds half of a clear sky's light in a thousandth of a steradian. Blurred from texels it would be bands and blots;
-as a light of its own it is exact, and casts a shadow. What is cut is what lies above its surroundings, so that picture
-and lights together give the light that the picture gave, in every channel.
+A sun holds half of a clear sky's light in less than a ten thousandth of a steradian. Blurred from texels it would be
+bands and blots; as a light of its own it is exact, and casts a shadow. What is cut is what lies above its surroundings,
+so that picture and lights together give the light that the picture gave, in every channel.
 
 Runs on the host, because how many suns there are is a shape, on which programs depend. Gradient: none through the cut.
 """

@@ -19,7 +19,7 @@ from ..errors import AssetWarning, InputError, UsageError
 from ..scene import Directional, Environment, EnvironmentMap, check_map
 from .asset import LARGEST, floats
 from .cache import cached_path, fetch, store
-from .disk import Path, read_file
+from .disk import Path, read_file, suffix_of
 from .light import check_light, decode_light
 from .reading import DEFAULT, Limits
 
@@ -76,7 +76,7 @@ def _read(path: Path, suns: bool, cache: bool, strict: bool, limits: Limits) -> 
     """The map of a picture, prepared now or before, and notes on it, which begin with the path."""
     check_light(path)
     data = read_file(path, limits)
-    made, notes = _kept(cached_path(data, suns), limits, strict) if cache else (None, ())
+    made, notes = _kept(cached_path(data, suffix_of(path), suns), limits, strict) if cache else (None, ())
     if made is None:
         made, more = _prepare(data, path, suns, strict, limits)
         notes += more
@@ -117,7 +117,7 @@ def prepare_environment(path: Path, *, suns: bool = True, strict: bool = False, 
     arrays = {name: getattr(made, name) for name in PARTS}
     arrays |= {"direction": made.suns.direction, "radiant": made.suns.irradiance}
     host = jax.tree.map(np.asarray, arrays) | {"notes": np.array(notes, np.str_)}
-    where = cached_path(data, suns)
+    where = cached_path(data, suffix_of(path), suns)
     return Prepared(os.fspath(where), store(where, host), made)
 
 

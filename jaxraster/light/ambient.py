@@ -43,7 +43,8 @@ class Ambient:
 
     Irradiance of a map comes from nine "harmonics", which leave out 1 % of natural light, more of a strong one from one
     side, or from a "map" of its own, exact but slower: `diffuse`. `specular` mirrors the map as sharply as the surface
-    does; without it irradiance stands in, as if all were rough.
+    does; without it the map of irradiance stands in, as if all were rough: at a roughness of 0.98 1 % off under light
+    that is linear in the direction, 5 % of its greatest under a window 10° wide.
     """
 
     gain: Scalar = 1.0
@@ -87,7 +88,7 @@ def _reflected(environment: Environment, n: Color, v: Color, alpha: Number, sett
     if environment.map is None:
         return light
     if not settings.specular:
-        return light + received(environment.map, direction, settings.diffuse)
+        return light + received(environment.map, direction, "map")
     return light + mirrored(environment.map, direction, alpha)
 
 

@@ -4,6 +4,7 @@ Gradient: exact in the map, its rotation and α; in directions that of the inter
 Source: `math/harmonics`, `environment/prefilter`.
 """
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..environment import octahedral, prefilter
@@ -28,4 +29,6 @@ def mirrored(
 ) -> Float[Array, "*b 3"]:
     """The mean radiance about a direction, weighed by a lobe of width α seen head on."""
     there = turned(direction, -surroundings.rotation)
-    return prefilter.mirrored(surroundings.specular, surroundings.texels.shape[0], there, alpha)
+    found = prefilter.mirrored(surroundings.specular, surroundings.texels.shape[0], there, alpha)
+    # A blurred sun that was not cut out rings below zero; not a maximum, which would halve the gradient of darkness.
+    return jnp.where(found < 0, 0.0, found)

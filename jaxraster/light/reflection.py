@@ -11,7 +11,7 @@ faces away from v, as that of a normal map may, r is straight ahead, -v, and n·
 
 Gradient: exact, at n·v = 0 that of n·v > 0; finite there and at α = 0 and 1.
 Source: the off-specular peak is Torrance and Sparrow's 1967; bending a lookup towards it is Lagarde and de Rousiers'
-2014, "Moving Frostbite to Physically Based Rendering", 4.9.3; the formula is ours, fitted to the mean.
+2014, "Moving Frostbite to Physically Based Rendering", 4.9.3; the formula is ours, fitted to the lobe's mean.
 """
 
 import jax.numpy as jnp

@@ -90,13 +90,17 @@ class _Facts:
                 kinds.append(kind)
         return tuple(kinds)
 
-    def moves(self) -> bool:
-        """Whether a surface, the camera or a light's place or direction is differentiated."""
+    def view_moves(self) -> bool:
+        """Whether a surface or the camera is differentiated."""
         names = ("scene.mesh.vertices", "camera.world_from_view", "camera.clip_from_view")
-        names += ("scene.lights.directional.direction", "scene.lights.point.position")
+        return any(matches(name, pattern) for name in names for pattern in self.wrt)
+
+    def moves(self) -> bool:
+        """Whether these, or a light's place or direction, are."""
+        names = ("scene.lights.directional.direction", "scene.lights.point.position")
         names += ("scene.lights.spot.position", "scene.lights.spot.direction")
         names += ("scene.environment.map.suns.direction", "scene.environment.map.rotation")
-        return any(matches(name, pattern) for name in names for pattern in self.wrt)
+        return self.view_moves() or any(matches(name, pattern) for name in names for pattern in self.wrt)
 
     def surroundings(self) -> bool:
         """Whether light comes from all around."""
@@ -116,7 +120,7 @@ class _Facts:
     def smooth(self) -> bool:
         """Whether a material in view mirrors more sharply than the widest lobe."""
         materials, rows = self.scene.materials, self.used
-        if not self.moves():
+        if not self.view_moves():
             faces = [v.faces[face] for v in self.views for face, _ in v.receivers]
             rows = np.unique(self.scene.mesh.material[faces])
         sharp = (materials.roughness[..., rows] < ROUGH).any() or (
@@ -199,14 +203,15 @@ def _occlusion(facts: _Facts, lit: bool, shading: str) -> Reason:
         return Reason(False, "local shading has no visibility of lights")
     if not lit:
         return Reason(False, "it darkens ambient light alone, and there is none")
-    if facts.moves():
+    if facts.view_moves():
         return Reason(True, "what is differentiated may move something before the sky of a surface in view")
-    verdicts = {may_darken(v.triangles, v.receivers, v.culled, v.eye, v.size) for v in facts.views}
+    reach = HorizonAO().radius
+    verdicts = {may_darken(v.triangles, v.receivers, v.culled, v.eye, v.size, reach) for v in facts.views}
     if True in verdicts:
-        return Reason(True, "something rises above a surface in view and hides some of its sky")
+        return Reason(True, f"something within {reach} m rises above a surface in view and hides some of its sky")
     if None in verdicts:
         return Reason(True, "too many faces to prove that none rises above a surface in view")
-    return Reason(False, "nothing rises above any surface in view")
+    return Reason(False, f"nothing within {reach} m rises above any surface in view")
 
 
 def _specular(facts: _Facts, lit: bool) -> Reason:
@@ -292,6 +297,8 @@ def plan_for(
     plan = replace(asked, **{name: value for name, value in chosen.items() if name not in settings})
     for name in settings.keys() & reasons.keys():
         reasons[name] = Reason(settings[name] not in (None, False), "as asked for")
+    if isinstance(asked.ambient, Ambient) and "ambient" in settings:
+        reasons["ambient specular"] = Reason(asked.ambient.specular, "as asked for")
     for name, word, known in (("texture_slots", "texture", TEXTURE_SLOTS), ("light_kinds", "light", LIGHT_KINDS)):
         if name in settings:
             reasons |= {f"{word} {member}": Reason(member in settings[name], "as asked for") for member in known}

@@ -145,21 +145,25 @@ def may_darken(
     culled: np.ndarray,
     eye: np.ndarray,
     size: float,
+    reach: float,
     pairs: int = MAX_PAIRS,
 ) -> bool | None:
-    """Whether any of the faces reaches above a receiver's plane, on the side of the eye; None if too many to tell.
+    """Whether any of the faces within `reach` metres of a receiver rises above its plane, on the side of the eye; None
+    if too many to tell.
 
     The backs of faces that are `culled` receive nothing. `eye` is a place and 1, or the direction back to a camera
     without perspective and 0.
     """
     stride = max(1, -(-len(receivers) * len(triangles) // pairs))
-    corners, normals = triangles.reshape(-1, 3), _planes(triangles)
-    for face, _ in receivers[::stride]:
+    normals, low, high = _planes(triangles), triangles.min(axis=1), triangles.max(axis=1)
+    for face, polygon in receivers[::stride]:
         place = triangles[face, 0]
         behind = normals[face] @ (eye[:3] - eye[3] * place) < 0
         if behind and culled[face]:
             continue
         normal = -normals[face] if behind else normals[face]
-        if ((corners - place) @ normal).max() > RELATIVE_GAP * size:
+        apart = np.maximum(np.maximum(low - polygon.max(axis=0), polygon.min(axis=0) - high), 0.0)
+        near = triangles[np.linalg.norm(apart, axis=1) <= reach]
+        if ((near - place) @ normal).max() > RELATIVE_GAP * size:
             return True
     return False if stride == 1 else None

@@ -134,7 +134,9 @@ def _highest(field: HeightField, nearness, tile: _Tile, line: Sweep, kept, setti
         g = (tile.scale * near - tile.shift) * (1.0 / line.length[k]) - aside
         distance = line.length[k] * jnp.where(field.perspective, 1.0 / near, 1.0)
         weight = jnp.clip(1.0 / width - per_square * distance * distance * (out + g * g), 0.0, 1.0)
-        weight = weight * jnp.minimum(kept[0][k], kept[1][k])
+        # What is not there is no horizon, nor does light pass behind it.
+        there = near > jnp.where(field.perspective, 0.0, 0.5 * NOWHERE)
+        weight = jnp.where(there, weight * jnp.minimum(kept[0][k], kept[1][k]), 0.0)
         g = plane + weight * (g - plane)
         highest = jnp.maximum(g, highest + settings.thickness * (g - highest))
     return highest

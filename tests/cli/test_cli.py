@@ -214,7 +214,7 @@ def test_light_and_buffers_as_numbers(capsys, monkeypatch, folder):
 
 OCCLUSIONS = [
     # words, the plan's occlusion, what the plan says of it
-    ("", HorizonAO(), "on", "something rises above a surface in view and hides some of its sky"),
+    ("", HorizonAO(), "on", "something within 0.25 m rises above a surface in view and hides some of its sky"),
     ("--occlusion-radius 2", HorizonAO(radius=2.0), "on", "something rises above a surface in view"),
     ("--occlusion horizon", HorizonAO(), "on", "as asked for"),
     ("--occlusion ssao --occlusion-radius .5", SSAO(radius=0.5), "on", "as asked for"),

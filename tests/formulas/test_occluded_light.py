@@ -63,7 +63,7 @@ PLACES = [_pit(0.8), _pit(0.5), _pit(0.2), (0.5, _wall), (0.25, lambda l, a: _wa
 
 
 @pytest.mark.parametrize(("roughness", "off", "plain"), [(0.1, 0.33, 0.41), (0.3, 0.29, 0.32), (0.5, 0.18, 0.18)])
-def test_it_is_nearer_to_what_the_lobe_sees_than_visibility_is(roughness, off, plain):
+def test_it_is_as_near_as_is_said_to_what_the_lobe_sees_and_so_is_visibility(roughness, off, plain):
     """In pits, at a wall and in a corner, from 16 sides and six heights: the lobe's open share, by quadrature."""
     errors = []
     for cosine in (0.1, 0.3, 0.5, 0.7, 0.9, 0.999):

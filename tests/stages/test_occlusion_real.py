@@ -1,4 +1,4 @@
-"""Ambient occlusion on the screen against rays, on scenes on which nothing of it was decided."""
+"""Ambient occlusion on the screen against rays, on whole scenes."""
 
 import jax
 import jax.numpy as jnp
