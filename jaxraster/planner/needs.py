@@ -208,10 +208,10 @@ def _occlusion(facts: _Facts, lit: bool, shading: str) -> Reason:
     reach = HorizonAO().radius
     verdicts = {may_darken(v.triangles, v.receivers, v.culled, v.eye, v.size, reach) for v in facts.views}
     if True in verdicts:
-        return Reason(True, f"something within {reach} m rises above a surface in view and hides some of its sky")
+        return Reason(True, f"what rises within {reach} m of a surface in view hides some of its sky")
     if None in verdicts:
         return Reason(True, "too many faces to prove that none rises above a surface in view")
-    return Reason(False, f"nothing within {reach} m rises above any surface in view")
+    return Reason(False, f"nothing rises within {reach} m of any surface in view")
 
 
 def _specular(facts: _Facts, lit: bool) -> Reason:

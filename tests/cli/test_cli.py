@@ -214,14 +214,14 @@ def test_light_and_buffers_as_numbers(capsys, monkeypatch, folder):
 
 OCCLUSIONS = [
     # words, the plan's occlusion, what the plan says of it
-    ("", HorizonAO(), "on", "something within 0.25 m rises above a surface in view and hides some of its sky"),
-    ("--occlusion-radius 2", HorizonAO(radius=2.0), "on", "something rises above a surface in view"),
+    ("", HorizonAO(), "on", "what rises within 0.25 m of a surface in view hides some of its sky"),
+    ("--occlusion-radius 2", HorizonAO(radius=2.0), "on", "as asked for"),
     ("--occlusion horizon", HorizonAO(), "on", "as asked for"),
     ("--occlusion ssao --occlusion-radius .5", SSAO(radius=0.5), "on", "as asked for"),
     ("--occlusion none", None, "off", "as asked for"),
     ("--occlusion none --shading local", None, "off", "as asked for"),
     ("--shading local", None, "off", "local shading has no visibility of lights"),
-    ("--environment 0 --occlusion-radius 2", None, "off", "it darkens ambient light alone, and there is none"),
+    ("--environment 0", None, "off", "it darkens ambient light alone, and there is none"),
 ]
 
 

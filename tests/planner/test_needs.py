@@ -611,7 +611,7 @@ def test_the_reasons_in_words():
         "256 texels, as most pixels ask for",
         "off  area                        no light with an area shines",
         "off  emission                    as asked for",
-        "on   occlusion                   something within 0.25 m rises above a surface in view and hides some of its sky",
+        "on   occlusion                   what rises within 0.25 m of a surface in view hides some of its sky",
         "on   ambient                     the environment has light",
         "off  ambient specular            the environment has no map to mirror",
         "on   background                  the environment has light",
