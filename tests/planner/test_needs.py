@@ -339,7 +339,8 @@ DARKENED = {
     "a lone ball": (False, [BALL]),
     "a ball on a plane": (True, [BALL, GROUND]),
     "a folded plane": (True, [GROUND, plane(0.0, 1.0, -2.0, size=2.0, pitch=90.0)]),
-    "a plane above": (True, [GROUND, HOVERING]),
+    "a plane above": (True, [GROUND, plane(0.0, 0.24, size=2.0)]),
+    "a plane too far above": (False, [GROUND, plane(0.0, 0.26, size=2.0)]),
     "a plane below, out of view": (False, [GROUND, plane(0.0, -20.0, 40.0)]),
     "nothing at all": (False, []),
     "a broken plane": (False, [GROUND, NOWHERE]),
@@ -357,6 +358,8 @@ def test_occlusion_is_planned_where_something_can_hide_the_sky(case):
     assert not plan_for(scene, CAMERA, **SIZE, ambient=None)[1]["occlusion"].on
     assert not plan_for(scene, CAMERA, **SIZE, shading="local")[1]["occlusion"].on
     assert needs(scene, wrt=("mesh.vertices",))["occlusion"].on
+    # What moves a light moves nothing before the sky.
+    assert needs(scene, wrt=("directional.direction",))["occlusion"].on == on
 
 
 def test_too_many_faces_to_prove_are_presumed_to_hide_the_sky(monkeypatch):
@@ -537,7 +540,8 @@ def test_what_is_asked_for_is_taken_as_it_is():
     of_request = {name: reason.on for name, reason in reasons.items() if reason.why == "as asked for"}
     textures = {f"texture {slot}": slot == "normal" for slot in TEXTURE_SLOTS}
     kinds = {f"light {kind}": False for kind in LIGHT_KINDS}
-    assert of_request == {"cull": False, "shadow_map": False, "ambient": True, "dither": True, **textures, **kinds}
+    effects = {"cull": False, "shadow_map": False, "ambient": True, "ambient specular": True, "dither": True}
+    assert of_request == {**effects, **textures, **kinds}
 
 
 @pytest.mark.parametrize(

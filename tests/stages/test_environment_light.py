@@ -190,7 +190,8 @@ def test_values_and_gradients_are_finite_everywhere(settings):
 def test_gradients_reach_the_texels_and_the_rotation():
     """Against central differences, of pictures of 4 x 8 texels; linear in texels, so that steps may be long."""
     rng = np.random.default_rng(3)
-    texels, here = single(rng.uniform(0, 3, (4, 8, 3))), surface(np.zeros((60, 3)), **many(), diffuse=0.4, f0=0.3)
+    # So bright that no blurred picture rings below zero, where it is cut off.
+    texels, here = single(rng.uniform(2, 5, (4, 8, 3))), surface(np.zeros((60, 3)), **many(), diffuse=0.4, f0=0.3)
     weights = single(rng.normal(size=(2, 60, 3)))
 
     def total(texels, rotation):
@@ -221,6 +222,15 @@ def test_settings_that_mean_nothing_are_refused(settings, message):
             Ambient(**settings)
     finally:
         jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def test_a_sun_that_was_not_cut_out_does_not_mirror_as_less_than_darkness():
+    texels = np.full((32, 64, 3), 1e-3)
+    texels[7, 13] = 1e6
+    ready = prepare(single(texels))
+    around = directions(HEIGHT, 2 * HEIGHT)
+    for alpha in (0.01, 0.05, 0.2, 0.6, 1.0):
+        assert mirrored(ready, around, jnp.full(around.shape[:-1], alpha, around.dtype)).min() >= 0
 
 
 @pytest.mark.parametrize(

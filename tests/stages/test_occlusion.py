@@ -151,6 +151,17 @@ def test_thickness_lets_light_behind_what_stands_in_front():
     assert behind[0] < behind[1] - 0.01 < behind[2] - 0.1 and behind[2] > 0.9
 
 
+def test_no_light_passes_behind_what_is_not_there():
+    """The foot of a wall before the sky: a thickness of next to nothing changes next to nothing."""
+    seen_by = camera((0, 2, 2))
+    surface = cast([FLOOR, WALL], seen_by, SIZE)
+    sky = surface.position[..., 1] > 0.5
+    surface = replace(surface, mask=surface.mask & ~sky)
+    none, little, some = (visibility(surface, seen_by, replace(FAR, thickness=t)) for t in (0.0, 1e-5, 0.5))
+    np.testing.assert_allclose(little, none, atol=1e-3)
+    assert some.mean() > none.mean() + 0.01
+
+
 # -- Formulas ----------------------------------------------------------------------------------------------------------
 
 ANGLES = np.concatenate([[0.0, 1e-4], np.linspace(0.05, 3.1, 40), [np.pi - 1e-4, np.pi]])
