@@ -205,7 +205,7 @@ def _occlusion(facts: _Facts, lit: bool, shading: str) -> Reason:
         return Reason(False, "it darkens ambient light alone, and there is none")
     if facts.view_moves():
         return Reason(True, "what is differentiated may move something before the sky of a surface in view")
-    reach = HorizonAO().radius
+    reach = float(HorizonAO().radius)
     verdicts = {may_darken(v.triangles, v.receivers, v.culled, v.eye, v.size, reach) for v in facts.views}
     if True in verdicts:
         return Reason(True, f"what rises within {reach} m of a surface in view hides some of its sky")

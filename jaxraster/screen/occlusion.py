@@ -49,7 +49,8 @@ def on_screen(surface: Surface, camera: Camera, settings: Any, method: Method) -
     parts, camera, settings = lax.stop_gradient((still, camera, settings))
 
     def make(parts):
-        return _one_picture(*parts, camera, settings, method)
+        mask, position, normal, geometric = parts
+        return _one_picture(mask, position, normal, geometric, camera, settings, method)
 
     def found(visibility, bent):
         visibility, bent = visibility.reshape(surface.mask.shape), bent.reshape(surface.normal.shape)

@@ -13,6 +13,7 @@ from test_shadow_lights import half_plane
 from test_shadow_map import FLOOR, SIDE, UP, level, padded, quads, sun, tilted
 from test_shadow_map import shadow_map as sunlit
 
+import jaxraster as jr
 from jaxraster.light.shadow_frame import Receiver
 from jaxraster.light.shadow_map import ShadowMap, shadow_map
 from jaxraster.light.shadow_moments import moments
@@ -74,7 +75,7 @@ def test_the_variance_of_a_map_does_not_cancel():
     x, y = rng.uniform(4, 12, (2, 200)).astype(np.float32)
     zero = jnp.zeros(200)
     place = Receiver(x=jnp.asarray(x), y=jnp.asarray(y), depth=zero + 0.9, slope_x=zero, slope_y=zero, unit=zero)
-    found = np.asarray(moments(place, (jnp.asarray(depth), jnp.zeros((16, 16))), zero, WIDTH))
+    found = np.asarray(moments(place, (jnp.asarray(depth), *[jnp.zeros((16, 16))] * 2), zero, WIDTH))
 
     def weights(position):
         """Of an interval of texels about a place, how much of each."""
@@ -98,7 +99,7 @@ def test_of_a_map_of_one_depth_the_mean_is_that_depth(width, depth):
     places = jnp.linspace(-1.0, least + 1.0, 16)
     place = Receiver(x=places, y=places, depth=places, slope_x=places, slope_y=places, unit=places)
     for below, expected in ((0.0, 1.0), (0.01, 0.0)):
-        drawn = jnp.full((least, least), depth), jnp.zeros((least, least))
+        drawn = jnp.full((least, least), depth), *[jnp.zeros((least, least))] * 2
         found = moments(place._replace(depth=jnp.full(16, depth - below)), drawn, jnp.zeros(16), width)
         np.testing.assert_allclose(found, np.full(16, expected), atol=1e-7)
 
@@ -145,14 +146,14 @@ MOVES = {
 
 @pytest.mark.parametrize(("kind", "part"), MOVES)
 def test_the_edge_of_a_shadow_moves_as_the_projection_says(kind, part):
-    """The lit width's derivative, within a twelfth: the silhouette's own motion is in it."""
+    """The lit width's derivative, within an eighth: the silhouette's own motion is in it."""
     reach, mesh = 1.5, quads(level(4.0), half_plane(RISE), level(0.1, 3.0) + np.array([3, 0, 3]))
     total, (receivers, vertices, lights) = derivatives(kind, dense(reach), UP, mesh, lamps(), 2 * reach / SIDE**2)
     found = {"receivers": receivers[0], "card": vertices[4:8, 0].sum()}.get(part)
     found = getattr(getattr(lights, kind), part)[0, 0] if found is None else found
     print(kind, part, float(total), float(found), -MOVES[kind, part])
     assert abs(total - reach) < (TEXEL if kind == "directional" else 2 * TEXEL)
-    np.testing.assert_allclose(found, -MOVES[kind, part], atol=0.08)
+    np.testing.assert_allclose(found, -MOVES[kind, part], atol=0.12)
 
 
 def wide(tree):
@@ -181,6 +182,28 @@ def test_a_smooth_shadow_s_slopes_are_those_of_finite_differences():
             assert found.dtype == np.float64
             # Vertices are snapped to 1/256 texel, and the map is in single precision.
             np.testing.assert_allclose(found, expected, rtol=0.01, atol=0.01 * total)
+
+
+def test_the_stage_s_shadows_move_with_the_sun():
+    """Of all that the sun reaches, as it turns: no pixel stands for a jump, and the sum is of the differences' sign and
+    at most two and a half times as large."""
+    scene, camera = jr.scenes.stage()
+    plan, _ = jr.plan_for(scene, camera, width=96, height=72)
+    seen = jax.jit(lambda scene, camera: jr.render(scene, camera, plan).surface)(scene, camera)
+    settings = replace(plan.shadow_map, filter="moments")
+
+    @jax.jit
+    def share(turn):
+        lights = scene.lights
+        sun = replace(lights.directional, direction=lights.directional.direction + turn * jnp.array([[1.0, 0.0, 0.0]]))
+        return shadow_map(seen, scene.mesh, replace(lights, directional=sun), camera, settings)["directional"][0]
+
+    slope = jax.jit(lambda turn: jax.jvp(share, (turn,), (1.0,))[1])
+    for turn in (-0.01, 0.02):
+        found = np.asarray(slope(turn))
+        expected = np.mean([(share(turn + h).mean() - share(turn - h).mean()) / (2 * h) for h in (0.01, 0.02, 0.03)])
+        assert np.abs(found).max() < 200
+        assert 0.5 * expected < found.mean() < 2.5 * expected
 
 
 BROKEN = {
