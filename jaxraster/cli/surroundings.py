@@ -40,8 +40,9 @@ def check_surroundings(arguments: argparse.Namespace) -> None:
     from ..io.light import check_light
 
     given, sun, turbidity = arguments.environment, arguments.sun_direction, arguments.turbidity
-    if given is None and arguments.environment_rotation is not None:
-        raise UsageError(None, "--environment-rotation", "turns what --environment names; add it")
+    if arguments.environment_rotation is not None and (given is None or isinstance(given, list)):
+        what = "add it" if given is None else "tones look the same from all sides; drop one of them"
+        raise UsageError(None, "--environment-rotation", f"turns the picture that --environment names; {what}")
     for option, value in zip(OF_THE_SKY, (sun, turbidity)):
         if value is not None and given != SKY:
             raise UsageError(None, option, f"is for '--environment {SKY}'; add it")

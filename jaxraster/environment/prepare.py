@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..check import fit
 from ..record import Scalar
 from ..scene import Directional, EnvironmentMap
 from .irradiance import coefficients, irradiance
@@ -26,6 +27,7 @@ def prepare(texels: Float[Array, "h w 3"], suns: Directional | None = None, rota
         >>> ready.specular.shape[0], ready.harmonics.shape
         (36864, (9, 3))
     """
+    fit("prepare: texels", texels, Float[Array, "h w 3"], batched=False)
     if suns is None:
         suns = Directional(direction=jnp.zeros((0, 3), texels.dtype), irradiance=jnp.zeros((0, 3), texels.dtype))
     return EnvironmentMap(

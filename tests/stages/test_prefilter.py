@@ -1,6 +1,7 @@
 """Surroundings made ready: blurred by the lobe exactly, for every roughness, from pictures of any size."""
 
 import functools
+import inspect
 
 import jax
 import jax.numpy as jnp
@@ -261,6 +262,19 @@ def test_all_is_finite_and_positive(shape, kind):
         assert np.isfinite(leaf).all()
     least = min(float(ready.specular.min()), float(ready.irradiance.min()))
     assert least >= -1e-6 * float(ready.specular.max())
+
+
+@pytest.mark.parametrize(
+    ("texels", "message"),
+    [
+        (np.ones((8, 16), np.float32), r"prepare: texels must be float \[h, w, 3\], got float32 \[8, 16\]"),
+        (np.ones((8, 16, 3), np.int32), "prepare: texels must be float .* got int32"),
+        ([[1.0, 1.0, 1.0]], "prepare: texels must be float .* got list; make it an array"),
+    ],
+)
+def test_what_is_no_picture_is_refused_in_one_line(texels, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        inspect.unwrap(prepare)(texels)
 
 
 def test_suns_and_rotation_are_kept():
