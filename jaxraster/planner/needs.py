@@ -97,10 +97,9 @@ class _Facts:
 
     def moves(self) -> bool:
         """Whether these, or a light's place or direction, are."""
-        names = ("scene.lights.directional.direction", "scene.lights.point.position")
-        names += ("scene.lights.spot.position", "scene.lights.spot.direction")
-        names += ("scene.environment.map.suns.direction", "scene.environment.map.rotation")
-        return self.view_moves() or any(matches(name, pattern) for name in names for pattern in self.wrt)
+        names = ("lights.directional.direction", "lights.point.position", "lights.spot.position")
+        names += ("lights.spot.direction", "environment.map.suns.direction", "environment.map.rotation")
+        return self.view_moves() or any(self.differentiated(name) for name in names)
 
     def surroundings(self) -> bool:
         """Whether light comes from all around."""
@@ -123,9 +122,8 @@ class _Facts:
         if not self.view_moves():
             faces = [v.faces[face] for v in self.views for face, _ in v.receivers]
             rows = np.unique(self.scene.mesh.material[faces])
-        sharp = (materials.roughness[..., rows] < ROUGH).any() or (
-            materials.metallic_roughness_texture[rows] >= 0
-        ).any()
+        textured = materials.metallic_roughness_texture[rows] >= 0
+        sharp = (textured | (materials.roughness[..., rows] < ROUGH)).any()
         coated = materials.clearcoat is not None and (materials.clearcoat[..., rows, 0] != 0).any()
         names = ("materials.roughness", "materials.clearcoat")
         return bool(sharp or coated) or any(self.differentiated(name) for name in names)
@@ -223,13 +221,6 @@ def _specular(facts: _Facts, lit: bool) -> Reason:
     return Reason(smooth, f"{'a' if smooth else 'no'} material in view is smoother than a roughness of {ROUGH}")
 
 
-def _concrete(scene: Scene, camera: Camera) -> None:
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, camera))):
-        raise TypeError(
-            "plan_for looks at concrete values: call it outside of jit, vmap and grad, and pass the plan in"
-        )
-
-
 def plan_for(
     scene: Scene, camera: Camera, *, width: int = 640, height: int = 480, wrt: Sequence[str] = (), **settings: Any
 ) -> tuple[Plan, dict[str, Reason]]:
@@ -246,7 +237,10 @@ def plan_for(
         >>> reasons["ambient"]
         Reason(on=False, why='the environment is black')
     """
-    _concrete(scene, camera)
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, camera))):
+        raise TypeError(
+            "plan_for looks at concrete values: call it outside of jit, vmap and grad, and pass the plan in"
+        )
     check_scene(scene, camera, batched=True)
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     parameters({"scene": scene, "camera": camera}, wrt)
